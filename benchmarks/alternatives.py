@@ -20,8 +20,8 @@ import pyfftw
 import scipy.fft
 from numpy.typing import NDArray
 
-from benchmarks.captures import Image
 from benchmarks.cases import EXPOSURE, NSR, Case, centred
+from benchmarks.data import Image
 from benchmarks.timing import Job
 from rsdeblur import Deconvolver, PsfBank
 from rsdeblur.pipeline.deblur import psfs

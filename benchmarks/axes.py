@@ -8,7 +8,6 @@ measured, and rows that the file has are not measured again.
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -16,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.captures import ROOT, require_data
+from benchmarks.data import noted, pages
 from benchmarks.refine import Case, cases, psnr
-from benchmarks.tables import markdown, write
+from benchmarks.tables import append, markdown, recorded, write
 from rsdeblur import find_time_offset, refine
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.motion.axes import PRESETS, imu_to_camera
@@ -115,12 +114,9 @@ def main() -> None:
     parser.add_argument("--captures", type=int, default=CAPTURES, help="captures of each preset")
     parser.add_argument("--seed", type=int, default=6060)
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
-    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "benchmarks" / "axes.md")
+    parser.add_argument("--page", type=Path, default=pages() / "axes.md")
     options = parser.parse_args()
-    require_data()
-    known = options.records.read_text().splitlines() if options.records and options.records.exists() else []
-    recorded = [Row(**json.loads(line)) for line in known]
-    rows = [row for row in recorded if row.seed == options.seed]
+    rows = [row for row in (Row(**each) for each in recorded(options.records)) if row.seed == options.seed]
     for case in cases(options.captures * len(PHONES), options.seed):
         for given in PHONES:
             if (case.number, given) in {(row.capture, row.given) for row in rows}:
@@ -128,12 +124,10 @@ def main() -> None:
             row = measured(case, options.seed, PHONES[case.number % len(PHONES)], given)
             rows.append(row)
             print(row, flush=True)
-            if options.records:
-                with options.records.open("a") as records:
-                    records.write(json.dumps(asdict(row)) + "\n")
+            append(options.records, asdict(row))
     text = markdown(HEADER, lines(rows))
-    print(text)
-    write(options.page, PAGE.format(captures=options.captures, seed=options.seed) + text)
+    print(noted(text))
+    write(options.page, noted(PAGE.format(captures=options.captures, seed=options.seed) + text))
 
 
 if __name__ == "__main__":

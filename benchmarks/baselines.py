@@ -15,8 +15,8 @@ from scipy import ndimage
 from skimage import restoration
 from skimage.transform import resize
 
+from benchmarks.paper.continuations import tapered
 from rsdeblur._util import validate
-from rsdeblur.deconv.boundary import tapered
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray

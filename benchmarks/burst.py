@@ -14,7 +14,6 @@ Each row is appended to --records as soon as it is measured; rows that the file 
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -22,12 +21,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from scipy import fft, ndimage
 
-from benchmarks.captures import DATA, READOUT, Image, quality, require_data
+from benchmarks import data
+from benchmarks.captures import READOUT, quality
+from benchmarks.data import Image, noted
 from benchmarks.priors import jpeg, with_recording_errors
-from benchmarks.tables import markdown, write
+from benchmarks.tables import append, markdown, recorded, report
 from rsdeblur import (
     Camera,
     Exposure,
@@ -36,10 +36,7 @@ from rsdeblur import (
     Translation,
     deblur,
     deblur_burst,
-    read_gyro,
-    read_picture,
     simulate_clip,
-    to_linear,
 )
 from rsdeblur.choices import Auto, Mode, Prior
 from rsdeblur.image.encoded import EncodedImage
@@ -150,21 +147,15 @@ CHANGES: dict[str, Callable[[Image], Image] | None] = {
 
 
 @cache
-def recorded() -> GyroLog:
-    """Return the phone's log."""
-    return read_gyro(DATA / "gyro" / "phone-210hz.txt")
-
-
-@cache
 def recording(wrong: bool) -> tuple[GyroLog, Camera]:
     """Return the log and the camera that the methods are given."""
-    return with_recording_errors(recorded(), CAMERA) if wrong else (recorded(), CAMERA)
+    return with_recording_errors(data.shake(), CAMERA) if wrong else (data.shake(), CAMERA)
 
 
 @cache
 def sharp(name: str) -> Image:
     """Return a picture of half size in linear light."""
-    light = to_linear((read_picture(DATA / "sharp" / f"{name}.png").pixels / 255).astype(np.float32), "srgb")
+    light = data.light(name)
     height, width, channels = light.shape
     half: Image = light.reshape(height // 2, 2, width // 2, 2, channels).mean(axis=(1, 3))
     return half
@@ -177,14 +168,14 @@ def simulated(index: int, pair: bool = False) -> Burst:
     drawn = np.exp(np.random.default_rng(index).uniform(np.log(SHORTEST), np.log(LONGEST), MOST_FRAMES))
     durations = np.array(PAIR) if pair else drawn
     starts = start + np.concatenate([[0.0], np.cumsum(durations[:-1] + PAUSE)])
-    exposures = [Exposure(float(t), float(d), recorded().epoch_ns) for t, d in zip(starts, durations, strict=True)]
+    exposures = [Exposure(float(t), float(d), data.shake().epoch_ns) for t, d in zip(starts, durations, strict=True)]
     return filmed(sharp(name), exposures)
 
 
 def filmed(scene: Image, exposures: Sequence[Exposure], **options: Any) -> Burst:
     """Simulate the frames of a scene, and their truths."""
     blurred, truths = (
-        tuple(simulate_clip(scene, recorded(), CAMERA, exposures, samples=n, **options)) for n in (WARPS, 1)
+        tuple(simulate_clip(scene, data.shake(), CAMERA, exposures, samples=n, **options)) for n in (WARPS, 1)
     )
     return Burst(tuple(exposures), blurred, truths)
 
@@ -213,7 +204,7 @@ def layered(index: int, kind: str) -> Burst:
 @cache
 def disturbed(index: int, kind: str) -> tuple[Image, Image]:
     """Return the disturbed frame of a burst without noise, and its truth."""
-    burst, log, change = simulated(index), recorded(), CHANGES[kind]
+    burst, log, change = simulated(index), data.shake(), CHANGES[kind]
     own, scene = burst.exposures[DISTURBED], sharp(MOMENTS[index][0])
     during = (log.t >= own.start) & (log.t <= own.start + own.duration + READOUT)
     if change is None:
@@ -338,14 +329,6 @@ def table(rows: dict[Case, dict[str, float]]) -> str:
     return markdown(("PSNR, dB", "mode, prior", *methods, "gain", "least gain"), lines)
 
 
-def load(path: Path | None) -> dict[Case, dict[str, float]]:
-    """Return the rows of a file of records."""
-    if path is None or not path.exists():
-        return {}
-    records: list[dict[str, Any]] = [json.loads(line) for line in path.read_text().splitlines()]
-    return {Case(**record["case"]): record["psnr"] for record in records}
-
-
 def main() -> None:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -353,22 +336,15 @@ def main() -> None:
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
     parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
     options = parser.parse_args()
-    require_data()
-    rows, console = load(options.records), Console(width=200, highlight=False, markup=False)
+    rows: dict[Case, dict[str, float]] = {Case(**each["case"]): each["psnr"] for each in recorded(options.records)}
     for case in cases(quick=options.quick):
         if case not in rows:
             rows[case] = measure(case)
             scores = ", ".join(f"{method} {value:.2f}" for method, value in rows[case].items())
-            console.print(
-                f"{MOMENTS[case.burst][0]}, {case.frames} frames, {case.kind}, {case.mode}, {case.prior}: {scores} dB"
-            )
-            if options.records:
-                with options.records.open("a") as records:
-                    records.write(json.dumps({"case": asdict(case), "psnr": rows[case]}) + "\n")
-    text = table(rows)
-    if options.markdown:
-        write(options.markdown, text)
-    console.print(text)
+            name = data.named(MOMENTS[case.burst][0])
+            print(f"{name}, {case.frames} frames, {case.kind}, {case.mode}, {case.prior}: {scores} dB", flush=True)
+            append(options.records, {"case": asdict(case), "psnr": rows[case]})
+    report(noted(table(rows)), options.markdown)
 
 
 if __name__ == "__main__":

@@ -20,13 +20,13 @@ from pathlib import Path
 import numpy as np
 from skimage.transform import resize
 
-from benchmarks.captures import DATA, require_data
-from benchmarks.tables import markdown, write
-from rsdeblur import Calibration, Camera, Exposure, GyroLog, Translation, hand_shake, read_gyro, simulate_clip
+from benchmarks import data
+from benchmarks.data import noted
+from benchmarks.tables import markdown, report
+from rsdeblur import Calibration, Camera, Exposure, GyroLog, Translation, hand_shake, simulate_clip
 from rsdeblur.choices import READOUT_DIRECTIONS
 from rsdeblur.estimate.calibrate import calibrate_matches
 from rsdeblur.estimate.clip_matches import ClipMatches, match_clip
-from rsdeblur.io import read_picture
 from rsdeblur.motion.axes import letters, mountings
 from rsdeblur.types import FloatArray
 
@@ -34,7 +34,7 @@ FRAMES, RATE = 30, 30.0
 LONG, SHORT = 480, 360
 GUESSED_FOCAL = 480.0
 SEARCH = (-1.0, 1.0)
-SCENES = ("opensfm_berlin_01.jpg", "opensfm_berlin_01.jpg", "imagecompression_flower_foveon_rgb8.png")
+SCENES = ("opensfm_berlin_01", "opensfm_berlin_01", "imagecompression_flower_foveon_rgb8")
 NOISE, GYRO_NOISE, BIAS = 0.004, 0.003, 0.02
 # Translation: rms velocity in m/s of waves of 0.3 to 3 Hz, and the depth of the scene in m.
 VELOCITY, DEPTH = 0.05, 3.0
@@ -66,7 +66,7 @@ class FilmedClip:
 def filmed(seed: int, *, moving: bool) -> FilmedClip:
     """Film a clip whose camera also moves, if `moving` is set."""
     random = np.random.default_rng(seed)
-    sharp = read_picture(DATA / "sharp" / SCENES[seed % len(SCENES)]).pixels.mean(axis=2) / 255
+    sharp = data.pixels(SCENES[seed % len(SCENES)]).mean(axis=2) / 255
     scale = 3 * LONG / max(sharp.shape)
     sharp = resize(sharp, [round(side * scale) for side in sharp.shape], anti_aliasing=True)
     width, height = (LONG, SHORT) if random.random() < 0.6 else (SHORT, LONG)
@@ -83,7 +83,7 @@ def filmed(seed: int, *, moving: bool) -> FilmedClip:
     exposures = [Exposure(i / RATE, duration) for i in range(FRAMES)]
     span = FRAMES / RATE
     if seed % 2:
-        real = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+        real = data.shake()
         log = GyroLog(real.t - random.uniform(1, 40), real.omega).trimmed(-1.5, span + 1.5)
     else:
         log = hand_shake(span + 3, seed=seed, strength=random.choice([0.1, 0.3, 0.6])).shifted(-1.5)
@@ -167,11 +167,8 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=100, help="seed of the first clip")
     parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
     options = parser.parse_args()
-    require_data()
     table = markdown(COLUMNS, rows(range(options.first, options.first + options.clips)))
-    if options.markdown:
-        write(options.markdown, table)
-    print(table)
+    report(noted(table), options.markdown)
 
 
 if __name__ == "__main__":

@@ -1,34 +1,28 @@
-"""Captures for the benchmarks: simulated ones with ground truth, and the real burst."""
+"""Captures for the benchmarks, simulated with ground truth."""
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from skimage.transform import rescale
 
-from rsdeblur import Camera, Exposure, GyroLog, Simulation, Translation, read_camera, read_captures, read_gyro, simulate
+from benchmarks import data
+from benchmarks.data import Image
+from rsdeblur import Camera, Exposure, GyroLog, Simulation, Translation, simulate
 from rsdeblur.image.transfer import from_linear, to_linear
-from rsdeblur.io import read_picture
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
-
-Image = NDArray[np.float32]
-ROOT = Path(__file__).resolve().parents[1]
-DATA = Path(os.environ.get("RSDEBLUR_DATA", ROOT.parent / "shared" / "data"))
 
 # 40 dB below full scale.
 NOISE = 0.01
 # Width of the border that PSNR and SSIM leave out, px.
 BORDER = 24
 READOUT = 0.03
+# Enlargement of runs that only show that a benchmark works: 128x96 px.
+QUICK = 1 / 4
 
 
 @dataclass(frozen=True)
@@ -78,29 +72,23 @@ OTHER_MOMENTS = [
 NEW_MOMENTS = [(MOMENTS[(n + n // 8) % 8][0], 0.9 + 2.65 * n, 1 / (15, 20, 30, 60)[n % 4]) for n in range(20)]
 
 
-def require_data() -> None:
-    """Exit with a message if the recordings are missing."""
-    if not DATA.is_dir():
-        sys.exit(f"no recordings in {DATA}: set RSDEBLUR_DATA to their folder")
-
-
 def simulated(
     count: int | None = None,
     *,
     noise: float = NOISE,
-    enlarged: int = 2,
+    enlarged: float = 2,
     moments: Sequence[tuple[str, float, float]] = MOMENTS,
 ) -> Iterator[SimulatedCapture]:
     """Simulate captures from Kodak pictures and a real phone's shake, 1024x768 px, or 512x384 with `enlarged=1`."""
-    require_data()
-    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    log = data.shake()
     camera = Camera(1024, 768, 1.1 * 1024, readout_time=READOUT).scaled(enlarged / 2)
     for picture, start, duration in moments[:count]:
-        stored = _float32(read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255)
-        shown = _float32(rescale(stored, enlarged, order=3, channel_axis=-1).clip(0, 1)) if enlarged > 1 else stored
+        shown = data.encoded(picture)
+        if enlarged != 1:
+            shown = rescale(shown, enlarged, order=3, channel_axis=-1).clip(0, 1).astype(np.float32)
         sharp = to_linear(shown, "srgb")
         exposure = Exposure(start, duration, log.epoch_ns)
-        name = f"{picture} {start:g} s 1/{round(1 / duration)}"
+        name = f"{data.named(picture)} {start:g} s 1/{round(1 / duration)}"
         yield SimulatedCapture(name, log, camera, exposure, simulate(sharp, log, camera, exposure, noise=noise))
 
 
@@ -114,20 +102,6 @@ def synthetic(*, noise: float = NOISE) -> SimulatedCapture:
     return SimulatedCapture(
         "synthetic", log, camera, exposure, simulate(scene(240, 304), *(log, camera, exposure), noise=noise)
     )
-
-
-def shield_burst() -> tuple[Image, GyroLog, Camera, Exposure]:
-    """Return the burst frame 0004.jpg in linear light; files are numbered from 1, timestamps from 0."""
-    require_data()
-    folder = DATA / "real" / "shield-burst"
-    pixels = _float32(read_picture(folder / "images" / "0004.jpg").pixels / 255)
-    camera = read_camera(ROOT / "docs" / "cameras" / "shield-burst.toml")
-    exposure = read_captures(folder / "images" / "images.txt")[3]
-    return to_linear(pixels, "srgb"), read_gyro(folder / "imu.txt"), camera, exposure
-
-
-def _float32(image: NDArray[Any]) -> Image:
-    return np.asarray(image, dtype=np.float32)
 
 
 def quality(truth: Image, image: Image) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Pictures and PSFs of the speed benchmarks, without recordings: a hand's shake, scaled to fill a given box."""
+"""Pictures, PSFs and bursts of the speed benchmarks, without recordings: a hand's shake, scaled to fill a given box."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from functools import cache, cached_property
 
 import numpy as np
 import scipy.fft
+from numpy.typing import NDArray
+from PIL import Image as Pillow
 
-from benchmarks.captures import Image
-from rsdeblur import BlurPaths, Camera, Exposure, GyroLog, PsfBank
+from benchmarks.data import Image
+from rsdeblur import BlurPaths, Camera, Exposure, GyroLog, PsfBank, simulate_clip
 from rsdeblur.motion.paths import Capture
 from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.psf import tile_centres
@@ -23,6 +25,10 @@ SEED = 3
 # Drawing a scene takes seconds per megapixel, so a small scene is repeated side by side.
 SCENE = 384, 512
 NOISE = 1e-3
+# Frames of a burst: exposure times and the time from one exposure to the next, s.
+DURATION, STEP = 1 / 30, 0.1
+
+Burst = tuple[list[NDArray[np.uint8]], GyroLog, Camera, list[Exposure]]
 
 
 @dataclass(frozen=True)
@@ -77,6 +83,36 @@ class Case:
         noise = np.random.default_rng(SEED).normal(scale=NOISE, size=self.shape)
         blurred: Image = (scipy.fft.irfft2(spectrum, s=size, axes=(0, 1)) + noise).astype(np.float32)
         return blurred
+
+
+def size(text: str) -> tuple[int, int]:
+    """Parse a size such as 2048x1536."""
+    width, height = text.lower().split("x")
+    return int(width), int(height)
+
+
+def burst_of(megapixels: int, count: int, *, strength: float = 0.3) -> Burst:
+    """Simulate frames of 8 bits; a camera has the aspect ratio 4 : 3, see :func:`enlarged_burst`."""
+    width = 4 * round((megapixels * 1e6 * 4 / 3) ** 0.5 / 16) * 4
+    return enlarged_burst(Camera(width, width * 3 // 4, 1.1 * width, readout_time=READOUT), count, strength=strength)
+
+
+def enlarged_burst(camera: Camera, count: int, *, strength: float) -> Burst:
+    """Simulate frames of 8 bits at a quarter of their size, and enlarge them; the blur is that of the full size.
+
+    They are enlarged smoothly: equal pixels beside each other would show the sensor, not the scene, and so misfit.
+    """
+    log = hand_shake(STEP * (count + 3), strength=strength, seed=3)
+    exposures = [Exposure(STEP * (n + 1), DURATION) for n in range(count)]
+    small = camera.scaled(1 / 4)
+    sharp = scene(small.height + 40, small.width + 40)
+    frames = []
+    for frame in simulate_clip(sharp, log, small, exposures, noise=0.005, transfer="srgb"):
+        stored = (255 * frame.clip(0, 1)).astype(np.uint8)
+        frames.append(
+            np.asarray(Pillow.fromarray(stored).resize((camera.width, camera.height), Pillow.Resampling.BICUBIC))
+        )
+    return frames, log, camera, exposures
 
 
 @cache

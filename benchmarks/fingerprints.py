@@ -61,7 +61,7 @@ SETTINGS: dict[str, Any] = {
 }  # fmt: skip
 MODES = ("global", "banded", "rowwise")
 PRIORS = ("wiener", "gradient", "tv", "hyper-laplacian")
-BORDERS = ("periodic", "reflect", "edge-taper", "smooth")
+BORDERS = ("periodic",)
 DIRECTIONS = ("bottom-up", "left-right", "right-left")
 
 
@@ -87,7 +87,7 @@ MIXED = (
     Case("cg tv", "plain", "float32", {"mode": "rowwise", "solver": "cg", "prior": "tv", "strips": 1}),
     Case("rowwise periodic", "plain", "float32", {"mode": "rowwise", "border": "periodic"}),
     Case("tv periodic", "plain", "float32", {"prior": "tv", "border": "periodic"}),
-    Case("tv reflect global", "plain", "float32", {"prior": "tv", "border": "reflect", "mode": "global"}),
+    Case("tv unknown global", "plain", "float32", {"prior": "tv", "border": "unknown", "mode": "global"}),
     Case("normalize", "plain", "float32", {"normalize": True}),
     Case("unchecked", "plain", "float32", {"check": False}),
     Case("float64", "plain", "float64", {}),
@@ -121,7 +121,7 @@ MIXED = (
     Case("highlights ignored", "lamps", "float32", {}),
     Case("highlights slabs", "tall lamps", "float32", {"saturation": "always", "nsr": 0.03, "max_memory": NARROW}),
     Case("refused: slabs and rectify", "plain", "float32", {"geometry": "rectify", "max_memory": NARROW}),
-    Case("refused: rowwise and reflect", "plain", "float32", {"mode": "rowwise", "border": "reflect"}),
+    Case("refused: rowwise and unknown", "plain", "float32", {"mode": "rowwise", "border": "unknown"}),
     Case("refused: too little memory", "plain", "float32", {"max_memory": 10**6}),
     Case("refused: fallback and rectify", "plain", "float32", {"fallback": True, "geometry": "rectify"}),
     Case("refused: beyond the log", "late", "float32", {}),

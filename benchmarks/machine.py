@@ -50,20 +50,6 @@ def busy(load: float) -> list[str]:
     return [f"The machine was busy (load {load:.1f}), so figures for several threads mean little."]
 
 
-def peak_memory() -> int | None:
-    """Return the peak memory of this process since :func:`forget_peak`, bytes; None without Linux's `/proc`."""
-    return _status("VmHWM")
-
-
-def forget_peak() -> int | None:
-    """Start a new peak; return the memory in use, bytes, or None without Linux's `/proc`."""
-    try:
-        Path("/proc/self/clear_refs").write_text("5")  # 5: reset the peak (proc(5))
-    except OSError:
-        return None
-    return _status("VmRSS")
-
-
 def stolen() -> float:
     """Return the time that the host of this virtual machine has given to others while this one had work, s.
 
@@ -87,14 +73,6 @@ def _processor_seconds() -> list[float] | None:
         return None
     # proc(5); the guests' times are part of user and nice.
     return [int(number) / os.sysconf("SC_CLK_TCK") for number in first.split()[1:9]]
-
-
-def _status(field: str) -> int | None:
-    try:
-        lines = Path("/proc/self/status").read_text().splitlines()
-    except OSError:
-        return None
-    return next(1024 * int(line.split()[1]) for line in lines if line.startswith(f"{field}:"))
 
 
 def _processor() -> str:

@@ -7,9 +7,9 @@ compared before timing, so that every alternative does the same work. Missing li
 PSFs are 17x59 and 73x77 px (width x height): 16x59 and 72x76 of Sindelar and Sroubek (2013), rounded up to odd sizes
 because kernels here have a centre pixel. They are the paths of a shaken hand, scaled to fill that box.
 
-With ``--psf``, only these PSFs are measured; the file of ``--json`` keeps what it has of the others. ``--quick`` uses
-small pictures; its times mean nothing. The exit code is 1 if an alternative returns another picture. A
-missed target is only reported.
+With ``--psf``, only these PSFs are measured. ``--quick`` uses small pictures; its times mean nothing. The exit code is
+1 if an alternative returns another picture. A missed target is only reported. The tables of ``--markdown`` leave out
+times whose quartiles are more than 15 % of the median apart, and are not written on a busy machine.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ import numpy as np
 
 from benchmarks import alternatives as c
 from benchmarks import machine
-from benchmarks.captures import Image
-from benchmarks.cases import Case
+from benchmarks.cases import Case, size
+from benchmarks.data import Image
 from benchmarks.tables import markdown, print_table, write
-from benchmarks.timing import Times, interleave, progress
+from benchmarks.timing import Times, interleave, progress, refuse_noise
 
 BOXES = ((17, 59), (73, 77))
 SIZE, QUICK_SIZE = (2048, 1536), (512, 384)
@@ -75,16 +75,10 @@ PER_PIXEL = 1.5
 def main() -> None:
     """Run the benchmark and print its tables."""
     options = arguments()
-    earlier = None
-    if options.json and options.json.exists() and len(options.psf) < len(BOXES):
-        earlier = json.loads(options.json.read_text())
-        refuse_other_settings(earlier, settings(options.size, options.rounds, options.threads))
     record = run(
         *(options.size, options.large, options.rounds, options.threads), boxes=options.psf, steady=not options.quick
     )
     record["command"] = "python -m benchmarks.peers " + " ".join(sys.argv[1:])
-    if earlier:
-        record = merged(earlier, record)
     for case in record["cases"]:
         print(f"\n{heading(record, case)}\n")
         print_table(COLUMNS, rows(case))
@@ -95,7 +89,8 @@ def main() -> None:
     if options.json:
         write(options.json, json.dumps(record, indent=1))
     if options.markdown:
-        write(options.markdown, as_markdown(record))
+        refuse_noise(record["load"])
+        write(options.markdown, as_markdown(steady_figures(record)))
     refuse_other_pictures(record)
 
 
@@ -128,12 +123,6 @@ def arguments() -> argparse.Namespace:
     return options
 
 
-def size(text: str) -> tuple[int, int]:
-    """Parse a size such as 2048x1536."""
-    width, height = text.lower().split("x")
-    return int(width), int(height)
-
-
 def run(
     size: tuple[int, int],
     large: tuple[int, int],
@@ -144,35 +133,13 @@ def run(
     steady: bool = False,
 ) -> Record:
     """Time everything, steadily where the figures mean something, and return the record."""
-    record = settings(size, rounds, threads) | {"load": machine.load()}
+    record: Record = {"machine": machine.facts(), "size": size, "rounds": rounds, "threads": threads}
+    record["load"] = machine.load()
     duels = [duel(Case(*size, box), rounds, threads, steady=steady) for box in boxes]
     record["cases"] = duels
     record["scaling"] = scaling(size, large, max(2, rounds // LARGE_SHARE), threads[-1])
     record["skipped"] = sorted({reason for case in duels for reason in case.pop("skipped")})
     return record
-
-
-def settings(size: tuple[int, int], rounds: int, threads: Sequence[int]) -> Record:
-    """Return what all cases of a record have in common."""
-    return {"machine": machine.facts(), "size": list(size), "rounds": rounds, "threads": list(threads)}
-
-
-def refuse_other_settings(earlier: Record, now: Record) -> None:
-    """Exit with a message if a record is of another machine, or was measured in another way."""
-    for name, value in now.items():
-        if earlier[name] != value:
-            sys.exit(f"{name} of the record is {earlier[name]}, now {value}; measure all PSFs")
-
-
-def merged(earlier: Record, record: Record) -> Record:
-    """Return a record with those cases of an earlier one that were not measured again."""
-    cases = {tuple(case["psf"]): case for case in (*earlier["cases"], *record["cases"])}
-    return record | {
-        "load": max(earlier["load"], record["load"]),
-        "cases": [cases[box] for box in BOXES if box in cases],
-        "skipped": sorted({*earlier["skipped"], *record["skipped"]}),
-        "command": "\n".join([earlier["command"], record["command"]]),
-    }
 
 
 def steady_figures(record: Record) -> Record:
@@ -336,7 +303,8 @@ def heading(record: Record, case: Record) -> str:
 
 def as_markdown(record: Record) -> str:
     """Return all tables as Markdown."""
-    parts = [f"### Targets (`threads={record['threads'][-1]}`)", markdown(TARGET_COLUMNS, target_rows(record))]
+    parts = [markdown(("machine", "fact"), list(record["machine"].items()))]
+    parts += [f"### Targets (`threads={record['threads'][-1]}`)", markdown(TARGET_COLUMNS, target_rows(record))]
     for case in record["cases"]:
         parts += [f"### {heading(record, case)}", markdown(COLUMNS, rows(case))]
     return "\n\n".join(parts + notes(record))

@@ -24,11 +24,11 @@ from typing import Any
 
 import numpy as np
 from PIL import Image as Pillow
-from rich.console import Console
 from rich.progress import track
 
-from benchmarks.captures import Image, SimulatedCapture, quality, simulated
-from benchmarks.tables import markdown, write
+from benchmarks.captures import QUICK, SimulatedCapture, quality, simulated
+from benchmarks.data import Image, noted
+from benchmarks.tables import markdown, report, write
 from rsdeblur import Camera, GyroLog, Simulation, deblur
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import PRIORS, Prior
@@ -62,19 +62,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--captures", type=int, help="only the first N of the 14 captures")
     parser.add_argument("--own-size", action="store_true", help="512x384 from pictures that are not enlarged")
+    parser.add_argument("--quick", action="store_true", help="one small capture, to see that it runs")
     parser.add_argument("--strengths-only", action="store_true", help="without the first table")
     parser.add_argument("--markdown", type=Path, help="write the tables as Markdown")
     parser.add_argument("--json", type=Path, help="write all scores")
     options = parser.parse_args()
-    enlarged = 1 if options.own_size else 2
-    drawn = simulated(options.captures, noise=0.0, enlarged=enlarged)
-    captures = list(track(drawn, "simulating", total=options.captures or 14))
-    report = run(captures, modes=not options.strengths_only)
-    if options.markdown:
-        write(options.markdown, report["markdown"])
+    enlarged, count = (QUICK, 1) if options.quick else (1 if options.own_size else 2, options.captures)
+    drawn = simulated(count, noise=0.0, enlarged=enlarged)
+    captures = list(track(drawn, "simulating", total=count or 14))
+    situations = SITUATIONS[-1:] if options.quick else SITUATIONS
+    scores = run(captures, modes=not options.strengths_only, situations=situations)
+    report(noted(scores["markdown"]), options.markdown)
     if options.json:
-        write(options.json, json.dumps({k: v for k, v in report.items() if k != "markdown"}, indent=1))
-    Console(width=200, highlight=False, markup=False).print(report["markdown"])
+        write(options.json, json.dumps({k: v for k, v in scores.items() if k != "markdown"}, indent=1))
 
 
 def run(

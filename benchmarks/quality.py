@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.progress import track
 
-from benchmarks.captures import SimulatedCapture, quality, simulated
-from benchmarks.tables import markdown
+from benchmarks.captures import QUICK, SimulatedCapture, quality, simulated
+from benchmarks.data import noted
+from benchmarks.tables import markdown, report, write
 from rsdeblur import deblur
 from rsdeblur.choices import GEOMETRIES, Geometry
 
@@ -39,30 +39,30 @@ def main() -> None:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--captures", type=int, help="only the first N of the 14 captures")
+    parser.add_argument("--quick", action="store_true", help="one small capture, to see that it runs")
     parser.add_argument("--markdown", type=Path, help="write the tables as Markdown")
     parser.add_argument("--json", type=Path, help="write all scores")
     options = parser.parse_args()
-    report = run(list(track(simulated(options.captures), "simulating", total=options.captures or 14)))
-    if options.markdown:
-        options.markdown.write_text(report["markdown"])
+    count, enlarged = (1, QUICK) if options.quick else (options.captures, 2)
+    scores = run(list(track(simulated(count, enlarged=enlarged), "simulating", total=count or 14)))
+    report(noted(scores["markdown"]), options.markdown)
     if options.json:
-        options.json.write_text(json.dumps({k: v for k, v in report.items() if k != "markdown"}, indent=1))
-    Console(width=200, highlight=False, markup=False).print(report["markdown"])
+        write(options.json, json.dumps({k: v for k, v in scores.items() if k != "markdown"}, indent=1))
 
 
 def run(captures: Sequence[SimulatedCapture]) -> dict[str, Any]:
     """Score all methods in both geometries; return scores and tables."""
     nsr, ladder = choose_nsr(captures)
-    tables, report = [], {"nsr": nsr, "ladder": ladder}
+    tables, record = [], {"nsr": nsr, "ladder": ladder}
     for geometry in GEOMETRIES:
         scores = {c.name: score(c, geometry, nsr) for c in track(captures, geometry)}
-        report[geometry] = scores
+        record[geometry] = scores
         tables.append(f'### `geometry="{geometry}"`\n\n{table(scores)}')
     worst = {c.name: best_loss(c) for c in track(captures, "do no harm")}
-    report["best_minus_blurred_db"] = worst
+    record["best_minus_blurred_db"] = worst
     rows = "\n".join(f"| {n} | " + " | ".join(f"{v:.2f}" for v in row.values()) + " |" for n, row in ladder.items())
     names = list(next(iter(ladder.values())))
-    report["markdown"] = "\n\n".join(
+    record["markdown"] = "\n\n".join(
         [
             f"NSR chosen for the noise: {nsr} (banded auto x auto, PSNR in dB):",
             "| NSR | " + " | ".join(names) + " |\n|---|" + "---|" * len(names) + "\n" + rows,
@@ -74,7 +74,7 @@ def run(captures: Sequence[SimulatedCapture]) -> dict[str, Any]:
             ),
         ]
     )
-    return report
+    return record
 
 
 def choose_nsr(captures: Sequence[SimulatedCapture]) -> tuple[float, dict[str, dict[str, float]]]:

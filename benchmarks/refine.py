@@ -9,7 +9,6 @@ seeds.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -21,14 +20,15 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.metrics import peak_signal_noise_ratio
 
-from benchmarks.captures import BORDER, DATA, ROOT, Image, require_data
+from benchmarks import data
+from benchmarks.captures import BORDER
+from benchmarks.data import Image, noted, pages
 from benchmarks.phone import processed
-from benchmarks.tables import markdown, write
-from rsdeblur import Camera, Correction, Exposure, RsdeblurError, Simulation, deblur, read_gyro, refine, simulate
+from benchmarks.tables import append, markdown, recorded, write
+from rsdeblur import Camera, Correction, Exposure, RsdeblurError, Simulation, deblur, refine, simulate
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.regions import with_factors
-from rsdeblur.image.transfer import from_linear, to_linear
-from rsdeblur.io import read_picture
+from rsdeblur.image.transfer import from_linear
 from rsdeblur.motion.axes import rotations
 from rsdeblur.motion.paths import BlurPaths, Capture
 
@@ -165,7 +165,7 @@ class Row:
 
 def cases(count: int, seed: int) -> Iterator[Case]:
     """Simulate captures from photographs and a real phone's shake, at random times of its log."""
-    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    log = data.shake()
     random = np.random.default_rng(seed)
     for n in range(count):
         name = PICTURES[n % len(PICTURES)]
@@ -181,15 +181,13 @@ def cases(count: int, seed: int) -> Iterator[Case]:
                 continue
             if LENGTHS[0] < capture.probe.lengths.mean() < LENGTHS[1]:
                 break
-        yield Case(f"{name} {exposure.start:.1f} s", scene, Recording(log, camera, exposure), n)
+        yield Case(f"{data.named(name)} {exposure.start:.1f} s", scene, Recording(log, camera, exposure), n)
 
 
 def landscape(name: str) -> Image:
     """Return a picture in linear light, wider than tall."""
-    stored = np.asarray(read_picture(DATA / "sharp" / f"{name}.png").pixels, np.float32) / 255
-    if stored.shape[0] > stored.shape[1]:
-        stored = np.rot90(stored)
-    return to_linear(np.ascontiguousarray(stored, dtype=np.float32), "srgb")
+    light = data.light(name)
+    return np.ascontiguousarray(np.rot90(light)) if light.shape[0] > light.shape[1] else light
 
 
 def error(kind: str, random: np.random.Generator, recording: Recording) -> Correction:
@@ -340,11 +338,9 @@ def main() -> None:
     parser.add_argument("--kinds", default=",".join(KINDS), help="kinds of errors to measure, separated by commas")
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
-    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "benchmarks" / "refine.md")
+    parser.add_argument("--page", type=Path, default=pages() / "refine.md")
     options = parser.parse_args()
-    require_data()
-    known = options.records.read_text().splitlines() if options.records and options.records.exists() else []
-    rows = {(row.capture, row.kind): row for row in (Row(**json.loads(line)) for line in known)}
+    rows = {(row.capture, row.kind): row for row in (Row(**each) for each in recorded(options.records))}
     for n, case in enumerate(cases(max(options.captures, options.right), options.seed)):
         for kind in options.kinds.split(","):
             if (n, kind) in rows or n >= (options.right if kind == "none" else options.captures):
@@ -354,12 +350,10 @@ def main() -> None:
                 continue
             rows[n, kind] = row
             print(f"{case.name}, {kind}: {row}", flush=True)
-            if options.records:
-                with options.records.open("a") as records:
-                    records.write(json.dumps(asdict(row)) + "\n")
+            append(options.records, asdict(row))
     text = table(list(rows.values()))
-    print(text)
-    write(options.page, INTRODUCTION.format(seed=options.seed) + "\n" + text)
+    print(noted(text))
+    write(options.page, noted(INTRODUCTION.format(seed=options.seed) + "\n" + text))
 
 
 if __name__ == "__main__":

@@ -7,17 +7,17 @@ measured; rows that the file has are not measured again.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.captures import DATA, ROOT, require_data
+from benchmarks import data
+from benchmarks.data import noted, pages
 from benchmarks.refine import LENGTHS, PICTURES, Case, distance, error, landscape, mounted, psnr
-from benchmarks.tables import markdown, write
-from rsdeblur import Camera, Correction, Exposure, RsdeblurError, read_gyro, refine
+from benchmarks.tables import append, markdown, recorded, write
+from rsdeblur import Camera, Correction, Exposure, RsdeblurError, refine
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.motion.paths import Capture
 
@@ -60,7 +60,7 @@ class Row:
 
 def filmed(seed: int, number: int) -> list[Case]:
     """Simulate the frames of one recording."""
-    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    log = data.shake()
     random = np.random.default_rng((seed, number))
     scenes = [landscape(name) for name in random.choice(PICTURES, FRAMES, replace=False)]
     height, width, _ = scenes[0].shape
@@ -150,11 +150,9 @@ def main() -> None:
     parser.add_argument("--kinds", default=",".join(KINDS), help="kinds of errors to measure, separated by commas")
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
-    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "benchmarks" / "refine-frames.md")
+    parser.add_argument("--page", type=Path, default=pages() / "refine-frames.md")
     options = parser.parse_args()
-    require_data()
-    known = options.records.read_text().splitlines() if options.records and options.records.exists() else []
-    rows = {(row.recording, row.kind): row for row in (Row(**json.loads(line)) for line in known)}
+    rows = {(row.recording, row.kind): row for row in (Row(**each) for each in recorded(options.records))}
     for number in range(options.recordings):
         missing = [kind for kind in options.kinds.split(",") if (number, kind) not in rows]
         cases = filmed(options.seed, number) if missing else []
@@ -164,12 +162,10 @@ def main() -> None:
                 continue
             rows[number, kind] = row
             print(row, flush=True)
-            if options.records:
-                with options.records.open("a") as records:
-                    records.write(json.dumps(asdict(row)) + "\n")
+            append(options.records, asdict(row))
     text = table(list(rows.values()))
-    print(text)
-    write(options.page, INTRODUCTION.format(seed=options.seed, frames=FRAMES) + "\n" + text)
+    print(noted(text))
+    write(options.page, noted(INTRODUCTION.format(seed=options.seed, frames=FRAMES) + "\n" + text))
 
 
 if __name__ == "__main__":

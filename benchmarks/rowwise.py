@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks import machine
-from benchmarks.cases import EXPOSURE, NSR, Case
-from benchmarks.peers import QUICK_SIZE, SIZE, size
+from benchmarks.cases import EXPOSURE, NSR, Case, size
+from benchmarks.peers import QUICK_SIZE, SIZE
 from benchmarks.tables import markdown, print_table, write
 from benchmarks.timing import Job, Times, interleave, refuse_noise
 from rsdeblur import BlurPaths, Capture, Deconvolver, DerivativePrior, RowDeconvolver

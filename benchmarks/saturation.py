@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from scipy import ndimage
 
-from benchmarks.captures import BORDER, READOUT, Image, SimulatedCapture, quality, simulated
+from benchmarks.captures import BORDER, READOUT, SimulatedCapture, quality, simulated
+from benchmarks.data import Image, noted
 from benchmarks.priors import noisy
-from benchmarks.tables import markdown, write
+from benchmarks.tables import markdown, report
 from rsdeblur import Camera, Exposure, Simulation, deblur, simulate
 from rsdeblur.choices import MODES, SATURATIONS, Prior
 from rsdeblur.image.transfer import from_linear, to_linear
@@ -148,9 +149,7 @@ def main() -> None:
         table = markdown(COLUMNS, rows(options.jpeg))
     else:
         table = markdown(DAYLIGHT, overexposed(options.daylight, options.jpeg))
-    if options.markdown:
-        write(options.markdown, table)
-    print(table)
+    report(table if options.daylight is None else noted(table), options.markdown)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ one with the best mean. --quick takes four small pictures and three kernels; pub
 uses one thread, and processes share the pictures.
 
 The data are in the folder `set12` beside the recordings (RSDEBLUR_DATA): `01.png` to `12.png`, and the kernels as
-arrays in `levin09.npz`.
+arrays in `levin09.npz`. Without them there are other pictures and kernels, and no published figures.
 
 .. [1] A. Levin, Y. Weiss, F. Durand and W. T. Freeman, "Understanding and evaluating blind deconvolution algorithms",
    CVPR 2009.
@@ -23,7 +23,6 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
-import sys
 import time
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
@@ -33,16 +32,16 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.progress import track
 from scipy import fft
 from skimage.metrics import peak_signal_noise_ratio
 
-from benchmarks.captures import DATA, Image
-from benchmarks.tables import markdown, write
-from rsdeblur import deconvolve, read_picture
+from benchmarks import data
+from benchmarks.data import Image, noted
+from benchmarks.tables import markdown, report, write
+from rsdeblur import deconvolve
 from rsdeblur._util.threads import thread_count
-from rsdeblur.choices import PRIORS, Border, Boundary, Prior
+from rsdeblur.choices import PRIORS, Prior
 
 Blur = Literal["valid", "circular"]
 Region = Literal["seen", "frame"]
@@ -78,18 +77,20 @@ class Score(NamedTuple):
 
 @dataclass(frozen=True)
 class Case:
-    """A picture, numbered from 1, and a kernel, numbered from 0, at one noise (of 255)."""
+    """A picture, numbered from 1, and a kernel, numbered from 0, at one noise (of 255); with a `side`, its middle."""
 
     picture: int
     kernel: int
     noise: float
     blur: Blur
+    side: int | None = None
 
     def blurred(self) -> tuple[Image, Image, NDArray[np.float64]]:
         """Return the sharp picture, the blurred one of the same shape, and the kernel."""
-        sharp = read_picture(folder() / f"{self.picture:02d}.png").pixels.astype(np.float64) / 255
-        sharp = sharp if sharp.ndim == 2 else sharp[..., :3].mean(axis=2)
-        kernel = kernels()[self.kernel]
+        sharp = data.set12(self.picture)
+        if self.side:
+            sharp = sharp[tuple(slice((n - self.side) // 2, (n + self.side) // 2) for n in sharp.shape)]
+        kernel = data.kernels()[self.kernel]
         tall, wide = kernel.shape
         wrapped = np.zeros(sharp.shape)
         wrapped[:tall, :wide] = kernel
@@ -103,30 +104,13 @@ class Case:
         return sharp.astype(np.float32), (blurred + noise).astype(np.float32), kernel
 
 
-def folder() -> Path:
-    """Return the folder of the data, or exit with a message if it is missing."""
-    if not (DATA / "set12" / "levin09.npz").is_file():
-        sys.exit(f"skipped: no Set12 in {DATA / 'set12'}; set RSDEBLUR_DATA to the folder that contains set12/")
-    return DATA / "set12"
-
-
-def kernels() -> list[NDArray[np.float64]]:
-    """Return the kernels, in odd sizes and with sum 1."""
-    with np.load(folder() / "levin09.npz") as archive:
-        stored = [archive[name].astype(np.float64) for name in archive.files]
-    padded = [np.pad(kernel, [(0, 1 - n % 2) for n in kernel.shape]) for kernel in stored]
-    return [kernel / kernel.sum() for kernel in padded]
-
-
 def solve(case: Case) -> dict[str, Score]:
     """Return the scores of every prior at every strength."""
     sharp, blurred, kernel = case.blurred()
     scores = {"blurred": _score(sharp, blurred, kernel.shape, 0.0)}
     sigma = case.noise / 255
     for prior in PRIORS:
-        # Of the borders that the Wiener filter takes, "smooth" is the best for valid pictures.
-        valid: Border | Boundary = "smooth" if prior == "wiener" else "unknown"
-        border = "periodic" if case.blur == "circular" else valid
+        border: Literal["periodic", "auto"] = "periodic" if case.blur == "circular" else "auto"
         strengths: dict[str, dict[str, Any]] = {"automatic": {}, "noise given": {"noise": sigma}}
         for factor in LADDERS.get(prior, ()):
             name, power = ("nsr", 2) if prior == "wiener" else ("weight", 2 if prior == "gradient" else 1)
@@ -160,26 +144,25 @@ def main() -> None:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="four pictures of 256x256 px and three kernels")
+    parser.add_argument("--side", type=int, help="only the middle of each picture, px, to see that it runs")
     parser.add_argument("--blur", choices=("valid", "circular"), help="only this blur")
     parser.add_argument("--noise", type=float, choices=NOISES, help="only this noise")
     parser.add_argument("--jobs", type=int, default=thread_count(None), help="number of processes")
     parser.add_argument("--markdown", type=Path, help="write the tables as Markdown")
     parser.add_argument("--json", type=Path, help="write all scores")
     options = parser.parse_args()
-    pictures, chosen = QUICK if options.quick else (range(1, 13), range(len(kernels())))
+    pictures, chosen = QUICK if options.quick else (range(1, 13), range(len(data.kernels())))
     blurs: tuple[Blur, ...] = (options.blur,) if options.blur else ("valid", "circular")
     noises = (options.noise,) if options.noise else NOISES
-    cases = [Case(*each) for each in _product(pictures, chosen, noises, blurs)]
+    cases = [Case(*each, options.side) for each in _product(pictures, chosen, noises, blurs)]
     with ProcessPoolExecutor(options.jobs, multiprocessing.get_context("spawn")) as pool:
         scores = list(track(pool.map(solve, cases), "solving", total=len(cases)))
     shown: list[tuple[Blur, Region]] = [("valid", "seen"), ("valid", "frame"), ("circular", "seen")]
     text = "\n\n".join(table(*each, noises, cases, scores) for each in shown if each[0] in blurs)
-    if options.markdown:
-        write(options.markdown, text)
+    report(noted(text), options.markdown)
     if options.json:
         records = [vars(case) | {"scores": score} for case, score in zip(cases, scores, strict=True)]
         write(options.json, json.dumps(records, indent=1))
-    Console(width=200, highlight=False, markup=False).print(text)
 
 
 def _product(
@@ -214,7 +197,7 @@ def table(
             best = max(ladder, key=ladder.__getitem__, default=None)
             row += ["", ""] if best is None else [f"{ladder[best]:.2f}", best]
         rows.append(row)
-    for method, figures in PUBLISHED.items():
+    for method, figures in PUBLISHED.items() if data.RECORDED else ():
         known = dict(zip(NOISES, figures, strict=True))
         rows.append([method, *(cell for n in noises for cell in (f"{known[n]:.2f}" if known[n] else "", "", "", ""))])
     columns.append("ms per solve")

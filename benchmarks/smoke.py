@@ -1,23 +1,31 @@
-"""A short run of some benchmarks on generated data: ``python -m benchmarks.smoke``."""
+"""A short run of some benchmarks without recordings: ``python -m benchmarks.smoke``."""
 
 from __future__ import annotations
 
-from benchmarks import growth, page, peers, priors, quality, rowwise, tiles
-from benchmarks.captures import synthetic
+import os
+import subprocess
+import sys
+
+from benchmarks import peers, rowwise
+
+# Commands that pages print.
+COMMANDS = (
+    "quality --quick",
+    "priors --quick",
+    "verdict --quick",
+    "tiles --quick",
+)
 
 
 def main() -> None:
     """Run each benchmark on small pictures. Exit with 1 if an alternative returns another picture than rsdeblur."""
-    print(quality.run([synthetic()])["markdown"])
+    for command in COMMANDS:
+        print(f"\npython -m benchmarks.{command}", flush=True)
+        words = [sys.executable, "-m", *f"benchmarks.{command}".split()]
+        subprocess.run(words, check=True, env=os.environ | {"RSDEBLUR_DATA": os.devnull})
     print(rowwise.summary(rowwise.run(peers.QUICK_SIZE, 1, 1)))
-    small = priors.middle(synthetic(noise=0.0), (96, 72))
-    print(priors.run([small], situations=priors.SITUATIONS[-1:])["markdown"])
-    print(tiles.run([synthetic(noise=0.0)], tiles.TILES[:2]))
     beside = peers.run(peers.QUICK_SIZE, peers.QUICK_LARGE, 1, [1])
-    grown = growth.run(growth.QUICK, 1, 1)
-    for record in (beside, grown):
-        record["command"] = "python -m benchmarks.smoke"
-    print(page.page(beside, grown))
+    print(peers.as_markdown(beside))
     peers.refuse_other_pictures(beside)
 
 

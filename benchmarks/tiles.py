@@ -20,9 +20,10 @@ import scipy.fft
 from numpy.typing import NDArray
 from rich.progress import track
 
-from benchmarks.captures import Image, SimulatedCapture, quality, simulated, synthetic
+from benchmarks.captures import QUICK, SimulatedCapture, quality, simulated
 from benchmarks.cases import centred
-from benchmarks.tables import markdown, write
+from benchmarks.data import Image, noted
+from benchmarks.tables import markdown, report
 from rsdeblur import Deconvolver, PsfBank
 from rsdeblur.deconv import tiling, wiener
 from rsdeblur.deconv.border import fade
@@ -41,13 +42,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--captures", type=int, default=6, help="only the first N of the 14 captures (6)")
     parser.add_argument("--markdown", type=Path, help="write the tables as Markdown")
-    parser.add_argument("--quick", action="store_true", help="one small generated capture, to see that it runs")
+    parser.add_argument("--quick", action="store_true", help="one small capture, to see that it runs")
     options = parser.parse_args()
-    captures = [synthetic(noise=0.0)] if options.quick else list(simulated(options.captures, noise=0.0))
-    text = run(captures, TILES[:3] if options.quick else TILES)
-    print(text)
-    if options.markdown:
-        write(options.markdown, text)
+    count, enlarged = (1, QUICK) if options.quick else (options.captures, 2)
+    captures = list(simulated(count, noise=0.0, enlarged=enlarged))
+    report(noted(run(captures, TILES[:3] if options.quick else TILES)), options.markdown)
 
 
 def run(captures: Sequence[SimulatedCapture], tiles: Sequence[tuple[int, int]]) -> str:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from onnx import helper, numpy_helper
 from rich.progress import track
 
-from benchmarks.captures import Image, require_data
+from benchmarks.data import Image, require_data
 from benchmarks.train_wavelet import pictures, reduced
 from rsdeblur import to_linear
 from rsdeblur.deconv.cnn import NETWORK

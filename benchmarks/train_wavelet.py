@@ -31,17 +31,17 @@ from PIL import Image as Pillow
 from rich.progress import track
 from scipy.signal import fftconvolve
 
-from benchmarks.captures import DATA, Image, require_data
+from benchmarks.data import DATA, Image, require_data
 from benchmarks.phone import TRUTH_NOISE, TRUTH_QUALITY, processed
 from benchmarks.priors import jpeg
 from rsdeblur import Camera, Exposure, GyroLog, PsfBank, TileQuadratic, Tuning, from_linear, hand_shake, to_linear
 from rsdeblur._util.threads import thread_count
 from rsdeblur.deconv.wavelet import FACTORS, MIDDLE, OPPONENT, PENALTIES, FrameSum, add_up, features
 from rsdeblur.kernels.frame import GATES, HALO, LEVELS
-from rsdeblur.kernels.frame import terms as frame_terms
 from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.pipeline.steps import LEAST_WAVELET_NSR
 from rsdeblur.types import FloatArray
+from tests.oracles.frame import terms as frame_terms
 
 RATIOS = np.array([0.05, 0.4, 3.0])
 KNOTS = np.array([-2.25, -1.5, -0.75, 0.0])

@@ -14,7 +14,6 @@ captures that the file has are not measured again.
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import statistics
 from collections import Counter
@@ -30,10 +29,11 @@ import click
 import numpy as np
 from rich.progress import track
 
-from benchmarks.captures import MOMENTS, NEW_MOMENTS, OTHER_MOMENTS, Image, SimulatedCapture, quality, simulated
+from benchmarks.captures import MOMENTS, NEW_MOMENTS, OTHER_MOMENTS, QUICK, SimulatedCapture, quality, simulated
+from benchmarks.data import Image, noted
 from benchmarks.phone import from_phone
 from benchmarks.priors import FOCAL_ERROR, OFFSET_ERROR, RATE_NOISE, jpeg, noisy
-from benchmarks.tables import markdown
+from benchmarks.tables import append, markdown, recorded
 from rsdeblur import Correction, GyroLog, QualityCheck, RsdeblurError, deblur
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import PRIORS, VERDICTS, Prior
@@ -197,12 +197,9 @@ def _counts(group: list[Trial]) -> list[str]:
 
 def load(path: Path | None) -> dict[tuple[str, ...], list[Trial]]:
     """Return the trials in a file of records."""
-    if path is None or not path.exists():
-        return {}
-    records: list[dict[str, Any]] = [json.loads(line) for line in path.read_text().splitlines()]
     return {
         tuple(record["key"]): [Trial(**t | {"check": QualityCheck(**t["check"])}) for t in record["trials"]]
-        for record in records
+        for record in recorded(path)
     }
 
 
@@ -213,18 +210,27 @@ def load(path: Path | None) -> dict[tuple[str, ...], list[Trial]]:
 @click.option("--others", is_flag=True, help="Eighty other captures instead of these fourteen.")
 @click.option("--new", is_flag=True, help="Twenty captures which no threshold was chosen on.")
 @click.option("--count", type=int, help="Only the first captures.")
+@click.option("--quick", is_flag=True, help="One small capture, to see that it runs.")
 @click.option("--prior", type=click.Choice(PRIORS), default="tv", show_default=True)
 @click.option("--phone", is_flag=True, help="Pictures processed as by a phone.")
 @click.option("--records", type=Path, help="File of records (JSON lines) to continue.")
 def main(
-    half: str, others: bool, new: bool, count: int | None, prior: Prior, phone: bool, records: Path | None
+    half: str,
+    others: bool,
+    new: bool,
+    count: int | None,
+    quick: bool,
+    prior: Prior,
+    phone: bool,
+    records: Path | None,
 ) -> None:
     """Check results of right and wrong motion, and print the confusion tables."""
     moments = NEW_MOMENTS if new else OTHER_MOMENTS if others else MOMENTS
     half = half if moments is MOMENTS else "all"
     part = {"odd": slice(0, None, 2), "even": slice(1, None, 2), "all": slice(None)}[half]
-    captures = simulated(noise=0.0, enlarged=1, moments=moments)
-    numbered = list(enumerate(captures))[part][:count]
+    numbers = range(len(moments))[part][: 1 if quick else count]
+    taken = simulated(noise=0.0, enlarged=QUICK if quick else 1, moments=[moments[n] for n in numbers])
+    numbered = list(zip(numbers, taken, strict=True))
     keys = [(capture.name, prior, *(["phone"] if phone else [])) for _, capture in numbered]
     known = load(records)
     missing = {
@@ -237,10 +243,8 @@ def main(
         results = pool.map(partial(trials, prior=prior), missing.values())
         for key, some in zip(missing, track(results, "checking", total=len(missing)), strict=True):
             known[key] = some
-            if records:
-                with records.open("a") as file:
-                    file.write(json.dumps({"key": key, "trials": [asdict(trial) for trial in some]}) + "\n")
-    print(report([trial for key in keys for trial in known[key]]))
+            append(records, {"key": key, "trials": [asdict(trial) for trial in some]})
+    print(noted(report([trial for key in keys for trial in known[key]])))
 
 
 if __name__ == "__main__":

@@ -11,13 +11,10 @@ import argparse
 from functools import partial
 from pathlib import Path
 
-from rich.console import Console
-
 from benchmarks import machine
 from benchmarks.alternatives import bare
-from benchmarks.burst_cost import burst_of
-from benchmarks.cases import Case
-from benchmarks.tables import markdown, write
+from benchmarks.cases import Case, burst_of
+from benchmarks.tables import markdown, report
 from benchmarks.timing import interleave, refuse_noise
 from rsdeblur import deblur
 from rsdeblur._util.threads import thread_count
@@ -63,9 +60,7 @@ def main() -> None:
     load = machine.load()
     table = [row for size in options.megapixels for row in rows(size, options.rounds, load)]
     text = markdown(("picture and quality", "bands x strips", "s", "/ bare FFTs"), table)
-    if options.markdown:
-        write(options.markdown, text)
-    Console(width=160, highlight=False, markup=False).print(text)
+    report(text, options.markdown)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ list::
     types       names of array and callback types
     choices     named values of options
     _util       checks of arguments, safe files, threads, worker processes
-    kernels     inner loops in C or Numba, each with a NumPy twin
+    kernels     inner loops in C or Numba
     config      how this installation was built
     motion      gyro log, camera, exposure -> paths of the blur
     psf         PsfBank: kernels, drawn from paths or from elsewhere

@@ -42,9 +42,6 @@ from .motion.acceleration import AccelerationLog as AccelerationLog
 from .motion.camera import Camera as Camera
 from .motion.exposure import Exposure as Exposure
 from .motion.gyro import GyroLog as GyroLog
-from .motion.inertial import DriftFit as DriftFit
-from .motion.inertial import InertialTrack as InertialTrack
-from .motion.inertial import fit_drifts as fit_drifts
 from .motion.paths import BlurPaths as BlurPaths
 from .motion.paths import Capture as Capture
 from .motion.trajectory import Trajectory as Trajectory

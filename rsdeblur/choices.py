@@ -28,19 +28,19 @@ VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 # Exponent of the hyper-Laplacian.
 EXPONENT = 2 / 3
 
-# px. The interpolation of colours in a sensor, and lenses, blur a picture by about KEEP anyway. Simulated pictures with
-# paths of DROP come out of `deblur` as clear as those with paths of 3 to 4 px go in; longer paths lose more
-# (docs/developer/decisions/several.md).
-KEEP, DROP = 1.5, 20.0
+# px. The interpolation of colours in a sensor, and lenses, blur a picture by about KEEP anyway. Beyond DROP, deblurring
+# gains little, and about half of the results are doubtful (docs/developer/decisions.md):
+# python -m benchmarks.still --lengths 5 10 20 35 50 75 100
+KEEP, DROP = 1.5, 100.0
 
-# Frames of a video that are encoded together, and the constant rate factor of their encoding.
-SEGMENT, CRF = 32, 17
+# Constant rate factor of the encoding of videos.
+CRF = 17
 
 # Appended to the name of a result beside its photo, or of the folder of a batch's results.
 SHARP = "-sharp"
 
-# Folder beside the results of a batch in which it records what is done.
-RECORDS = ".rsdeblur-batch"
+# File beside the results of a batch that lists them.
+BATCH = "batch.json"
 
 Solver = Literal["auto", "direct", "cg"]
 SOLVERS: tuple[Solver, ...] = get_args(Solver)
@@ -54,9 +54,8 @@ MOTIONS: tuple[Motion, ...] = get_args(Motion)
 # How a solver itself continues a picture beyond its frame ...
 Border = Literal["blend", "periodic"]
 BORDERS: tuple[Border, ...] = get_args(Border)
-# ... and the alternatives that make a picture periodic before a solver with border="periodic", or, for "unknown", one
-# that leaves open what lies beyond the frame.
-Boundary = Literal["reflect", "edge-taper", "smooth", "unknown"]
+# ... and the alternative that leaves open what lies beyond the frame.
+Boundary = Literal["unknown"]
 BOUNDARIES: tuple[Boundary, ...] = get_args(Boundary)
 
 Saturation = Literal["ignore", "auto", "always"]

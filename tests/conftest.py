@@ -10,7 +10,6 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterator
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,8 +47,6 @@ if threading.current_thread() is threading.main_thread():
             signal.signal(number, handler)
 # Tests start Python processes from the repository root, where the bare source folder must not shadow the installation.
 os.environ["PYTHONSAFEPATH"] = "1"
-# Written pictures contain their date; with this one, equal results are equal files.
-os.environ["SOURCE_DATE_EPOCH"] = "1700000000"
 # Tests and benchmarks are not part of the installed package; last, for the same reason.
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
@@ -142,54 +139,6 @@ def report_page(shaky_log):
         )
 
     return build
-
-
-def certificate(name: str, key: Any, issuer: str, issuer_key: Any, *, is_authority: bool = False) -> bytes:
-    """Return a certificate that C2PA allows, in PEM."""
-    from cryptography import x509
-    from cryptography.hazmat.primitives import hashes, serialization
-
-    names = [x509.Name([x509.NameAttribute(x509.NameOID.ORGANIZATION_NAME, each)]) for each in (name, issuer)]
-    now = datetime.now(UTC)
-    builder = x509.CertificateBuilder(names[1], names[0], key.public_key(), x509.random_serial_number())
-    builder = builder.not_valid_before(now - timedelta(1)).not_valid_after(now + timedelta(1))
-    others = "content_commitment", "key_encipherment", "data_encipherment", "key_agreement"
-    usage = dict.fromkeys((*others, "encipher_only", "decipher_only"), False)
-    usage |= {"digital_signature": not is_authority, "key_cert_sign": is_authority, "crl_sign": is_authority}
-    extensions = [
-        (x509.BasicConstraints(is_authority, None), True),
-        (x509.KeyUsage(**usage), True),
-        (x509.AuthorityKeyIdentifier.from_issuer_public_key(issuer_key.public_key()), False),
-        (x509.SubjectKeyIdentifier.from_public_key(key.public_key()), False),
-        (x509.ExtendedKeyUsage([x509.ExtendedKeyUsageOID.EMAIL_PROTECTION]), False),
-    ]
-    for extension, critical in extensions:
-        builder = builder.add_extension(extension, critical)
-    return bytes(builder.sign(issuer_key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM))
-
-
-@pytest.fixture
-def pem_files(tmp_path: Path):
-    """Writer of a signer's certificates, and of the key of the first, which may be an authority without an issuer."""
-    needs("c2pa")
-    from cryptography.hazmat.primitives import serialization
-    from cryptography.hazmat.primitives.asymmetric import ec
-
-    def write(key: Any = None, *, form: Any = None, is_authority: bool = False) -> tuple[Path, Path]:
-        root, key = ec.generate_private_key(ec.SECP256R1()), key or ec.generate_private_key(ec.SECP256R1())
-        if is_authority:
-            chain = certificate("root", key, "root", key, is_authority=True)
-        else:
-            chain = certificate("signer", key, "root", root) + certificate(
-                "root", root, "root", root, is_authority=True
-            )
-        plain = form or serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-        paths = tmp_path / "chain.pem", tmp_path / "key.pem"
-        for path, data in zip(paths, (chain, key.private_bytes(serialization.Encoding.PEM, *plain)), strict=True):
-            path.write_bytes(data)
-        return paths
-
-    return write
 
 
 @pytest.fixture(scope="session")

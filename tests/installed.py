@@ -18,7 +18,6 @@ MODULES = {
     "raw": "rawpy",
     "gyroflow": "cbor2",
     "video": "av",
-    "c2pa": "c2pa",
     "dask": "distributed",
     "cnn": "onnxruntime",
     "browser-test": "playwright.sync_api",

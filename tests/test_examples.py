@@ -17,7 +17,7 @@ FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 LOG, CAMERA, EXPOSURE = rs.hand_shake(0.3, seed=3), Camera(48, 36, 60.0, readout_time=0.01), Exposure(0.1, 0.025)
 BANK = PsfBank.for_picture(np.eye(3)[None, None] / 3, (36, 48))
 # They read files of kinds that no example writes.
-WITHOUT_EXAMPLE = {"read_acceleration", "read_captures", "read_trajectory", "fit_drifts"}
+WITHOUT_EXAMPLE = {"read_acceleration", "read_captures", "read_trajectory"}
 
 
 def examples(name: str) -> list[doctest.DocTest]:

@@ -1,6 +1,6 @@
-"""Faults: a full disk, a killed process, an interrupt, a damaged cache. No file is lost, and none is left half written.
+"""Faults: a full disk, a killed process, an interrupt, a damaged cache.
 
-Short runs of `benchmarks.faults`.
+No file is lost, and none is left half written.
 """
 
 from __future__ import annotations
@@ -9,10 +9,16 @@ import errno
 import importlib
 import importlib.util
 import os
+import random
+import resource
 import signal
 import stat
 import subprocess
 import sys
+import tempfile
+import time
+from collections.abc import Callable
+from multiprocessing import get_context
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -20,29 +26,198 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import faults
-from rsdeblur import Camera
+from rsdeblur import Camera, Deconvolver, PsfBank
 from rsdeblur._util.atomic import atomic_write, check_target
+from rsdeblur.choices import Planning
+from rsdeblur.deconv import fft
 from rsdeblur.errors import OutputError
-from rsdeblur.io import write_picture
+from rsdeblur.io import read_picture, write_picture
+from rsdeblur.io.picture_output import picture_to_fill
+from rsdeblur.io.pictures import Picture
 
 KILLS = 6
+SIDE = 200
 
 
-@pytest.mark.parametrize("name", faults.WRITERS)
+def _picture(name: str) -> tuple[Callable[[Path, int], None], Callable[[Path], Any]]:
+    pictures = [np.random.default_rng(i).integers(0, 256, (SIDE, SIDE, 3), np.uint8) for i in range(2)]
+    return lambda path, i: write_picture(path, pictures[i], force=True), lambda path: read_picture(path).pixels
+
+
+def _wisdom(path: Path, which: int) -> None:
+    with atomic_write(path) as file:
+        file.write(bytes([which]) * 50_000)
+
+
+WRITERS: dict[str, tuple[Callable[[Path, int], None], Callable[[Path], Any]]] = {
+    **{name: _picture(name) for name in ("a.jpg", "a.png", "a.tif", "a.webp")},
+    "camera.toml": (lambda path, i: Camera(640 + i, 480, 500.0).save(path), Camera.load),
+    "bank.npz": (
+        lambda path, i: PsfBank(np.full((2, 1, 3, 3), 1 / 9), np.arange(2.0) + i, np.zeros(1)).save(path),
+        PsfBank.load,
+    ),
+    "fftw.wisdom": (_wisdom, lambda path: path.read_bytes()),
+}
+
+
+def _write_for_ever(write: Callable[[Path, int], None], path: Path, ready: Any) -> None:
+    which = 0
+    while True:
+        write(path, which)
+        ready.set()
+        which = 1 - which
+
+
+def kills(name: str, count: int) -> dict[str, int]:
+    """Kill a process that writes one file repeatedly, at random moments; count what was left on disk."""
+    write, read = WRITERS[name]
+    counts = {"the old or the new file": 0, "another file": 0, "temporary files left": 0, "left by the next write": 0}
+    rng = random.Random(name)
+    context = get_context("fork")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        whole = []
+        for which in range(2):
+            write(path, which)
+            whole.append(path.read_bytes())
+        for _ in range(count):
+            ready = context.Event()
+            process = context.Process(target=_write_for_ever, args=(write, path, ready))
+            process.start()
+            ready.wait()
+            time.sleep(rng.uniform(0, 0.03))
+            process.kill()
+            process.join()
+            read(path)
+            counts["the old or the new file" if path.read_bytes() in whole else "another file"] += 1
+            counts["temporary files left"] += len(list(path.parent.iterdir())) - 1
+            write(path, 0)
+            counts["left by the next write"] += len(list(path.parent.iterdir())) - 1
+    return counts
+
+
+def full_disk(name: str, count: int) -> dict[str, int]:
+    """Write where only part of the file fits; count the outcomes."""
+    write, _ = WRITERS[name]
+    counts = {"refused, the old file whole": 0, "else": 0}
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        write(path, 0)
+        old, size = path.read_bytes(), path.stat().st_size
+        for i in range(count):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size * i // count, limits[1]))
+            try:
+                write(path, 1)
+                refused = False
+            except OutputError as error:
+                refused = str(path) in str(error)
+            finally:
+                resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+            as_before = path.read_bytes() == old and [path] == list(path.parent.iterdir())
+            counts["refused, the old file whole" if refused and as_before else "else"] += 1
+    return counts
+
+
+def full_file_system() -> dict[str, int]:
+    """Fill pictures in place on a file system that is too small for them, which needs root; count the outcomes."""
+    pixels = np.zeros((SIDE, SIDE, 3), np.uint8)
+    counts = {"refused, nothing left": 0, "else": 0}
+    with tempfile.TemporaryDirectory() as folder:
+        mount = ["mount", "-t", "tmpfs", "-o", f"size={pixels.size // 2}", "tmpfs", folder]
+        if subprocess.run(mount, capture_output=True, check=False).returncode:
+            return {"not tried: it needs root": 1}
+        try:
+            for name in ("a.tif", "a.npy"):
+                process = get_context("fork").Process(target=_fill_in_place, args=(Path(folder) / name, pixels))
+                process.start()
+                process.join()
+                as_promised = process.exitcode == 0 and not os.listdir(folder)
+                counts["refused, nothing left" if as_promised else "else"] += 1
+        finally:
+            subprocess.run(["umount", folder], check=True)
+    return counts
+
+
+def _fill_in_place(path: Path, pixels: Any) -> None:
+    try:
+        with picture_to_fill(path, pixels.shape, like=Picture(pixels), in_place=True) as out:
+            out[...] = 1
+    except OutputError:
+        sys.exit(0)
+    sys.exit("written")
+
+
+def heed_interrupts() -> None:
+    """Restore the default action: background jobs of a shell ignore interrupts."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def damaged_wisdom(count: int) -> dict[str, int]:
+    """Plan with wisdom that is damaged in random places, each time in a new process; count the exit codes."""
+    counts: dict[str, int] = {}
+    rng = random.Random(0)
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["XDG_CACHE_HOME"] = folder
+        _plan("measure")
+        file = fft.wisdom_file()
+        good = file.read_bytes()
+        for _ in range(count):
+            data = bytearray(good)
+            for _ in range(rng.choice((1, 3, 30))):
+                data[rng.randrange(len(data))] = rng.choice((rng.randrange(256), ord(")"), ord("("), ord("9"), 0))
+            file.write_bytes(data[: rng.choice((len(data), rng.randrange(len(data))))])
+            process = get_context("fork").Process(target=_plan_anew)
+            process.start()
+            process.join()
+            counts[f"exit {process.exitcode}"] = counts.get(f"exit {process.exitcode}", 0) + 1
+    return counts
+
+
+def _plan(planning: Planning) -> None:
+    image = np.random.default_rng(0).random((60, 70), dtype=np.float32)
+    bank = PsfBank.for_picture(np.eye(5)[2:3].T @ np.eye(5)[2:3], image.shape)
+    sharp = Deconvolver(bank, image.shape, nsr=1e-6, planning=planning, threads=1).apply(image)
+    np.testing.assert_allclose(sharp, image, atol=1e-4)
+
+
+def _plan_anew() -> None:
+    # The parent has loaded its wisdom already.
+    fft._recall.cache_clear()
+    _plan("estimate")
+
+
+def two_planners(count: int) -> dict[str, int]:
+    """Let two processes measure and store plans at once, without earlier plans; count the outcomes."""
+    counts: dict[str, int] = {}
+    for _ in range(count):
+        with tempfile.TemporaryDirectory() as folder:
+            os.environ["XDG_CACHE_HOME"] = folder
+            pair = [get_context("spawn").Process(target=_plan, args=("measure",)) for _ in range(2)]
+            for process in pair:
+                process.start()
+            for process in pair:
+                process.join()
+            codes = sorted(process.exitcode or 0 for process in pair)
+            files = [path.suffix for path in Path(folder).rglob("*") if path.is_file()]
+            how = f"exits {codes}, files {files}"
+            counts[how] = counts.get(how, 0) + 1
+    return counts
+
+
+@pytest.mark.parametrize("name", WRITERS)
 def test_a_killed_process_leaves_the_old_file_or_the_new_one(name: str) -> None:
-    counts = faults.kills(name, KILLS)
+    counts = kills(name, KILLS)
     assert (counts["the old or the new file"], counts["another file"]) == (KILLS, 0)
-    assert counts["left by the next write"] == 0
 
 
-@pytest.mark.parametrize("name", faults.WRITERS)
+@pytest.mark.parametrize("name", WRITERS)
 def test_a_full_disk_is_reported_and_the_old_file_kept(name: str) -> None:
-    assert faults.full_disk(name, 5) == {"refused, the old file whole": 5, "else": 0}
+    assert full_disk(name, 5) == {"refused, the old file whole": 5, "else": 0}
 
 
 def test_a_full_file_system_does_not_end_the_process() -> None:
-    counts = faults.full_file_system()
+    counts = full_file_system()
     if "else" not in counts:
         pytest.skip("only root may mount a small file system")
     assert counts == {"refused, nothing left": 2, "else": 0}
@@ -63,12 +238,12 @@ def test_a_disk_that_is_full_at_the_end(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_damaged_wisdom_is_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "")
-    assert faults.damaged_wisdom(8) == {"exit 0": 8}
+    assert damaged_wisdom(8) == {"exit 0": 8}
 
 
 def test_two_processes_plan_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "")
-    assert faults.two_planners(1) == {"exits [0, 0], files ['.wisdom']": 1}
+    assert two_planners(1) == {"exits [0, 0], files ['.wisdom']": 1}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -86,7 +261,7 @@ def test_an_interrupted_command_cleans_up(tmp_path: Path, number: int) -> None:
     arguments = ["camera", "new", "--size", "640x480", "--focal-length", "500", "-o", str(target)]
     command = [sys.executable, "-c", code, *arguments]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(command, text=True, preexec_fn=faults.heed_interrupts, **pipes) as process:
+    with subprocess.Popen(command, text=True, preexec_fn=heed_interrupts, **pipes) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "writing\n", process.communicate()
         process.send_signal(number)

@@ -1,30 +1,36 @@
-"""Solvers in many threads and in forked and spawned processes give the bits of one thread and never hang.
-
-Short runs of `benchmarks.load`.
-"""
+"""Solvers in many threads and in forked and spawned processes give the bits of one thread and never hang."""
 
 from __future__ import annotations
 
 import os
 import signal
 import threading
+from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
+from multiprocessing import get_context
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 from numba.core.compiler_lock import global_compiler_lock
+from numpy.typing import NDArray
 
-from benchmarks import load
 from rsdeblur import (
     BlurPaths,
+    Camera,
     Capture,
     Deconvolver,
     DerivativePrior,
+    Exposure,
     InputError,
     PlugAndPlayPrior,
+    RowBlur,
     RowDeconvolver,
     TileQuadratic,
+    deblur,
+    hand_shake,
     plan,
     psfs,
 )
@@ -32,23 +38,128 @@ from rsdeblur._util.threads import ThreadTeam
 from rsdeblur.deconv import fft
 from rsdeblur.io import pictures
 
-KINDS = load.solvers(threads=2)
-RECORDING, PICTURE = load._recording(), np.full((load.HEIGHT, load.WIDTH, 3), 0.5, np.float32)
+Image = NDArray[np.float32]
+Apply = Callable[..., Image]
+THREADS = 8
+HEIGHT, WIDTH = 48, 64
+RECORDING = hand_shake(0.3, seed=1), Camera(WIDTH, HEIGHT, 60.0, readout_time=0.03), Exposure(0.1, 0.03)
+PICTURE = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
 
+KINDS = (
+    *("global", "banded", "banded and strips", "rowwise, direct", "rowwise, cg"),
+    *("total variation", "RowBlur"),
+)
 forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 # Of Python 3.12, about what is tested here.
 many_threads = pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
 
 
+def noise(count: int) -> Image:
+    return np.random.default_rng(0).random((count, HEIGHT, WIDTH, 3), dtype=np.float32)
+
+
+@cache
+def solvers(threads: int) -> dict[str, Apply]:
+    """Return a solver of each kind, planned once, as a function of a picture and `out`."""
+    shape = (HEIGHT, WIDTH, 3)
+    tiles = {"global": (1, 1), "banded": (4, 1), "banded and strips": (4, 3)}
+    banks = {name: psfs(*RECORDING, bands=bands, strips=strips) for name, (bands, strips) in tiles.items()}
+    paths = BlurPaths.every_row(Capture.from_log(*RECORDING), banks["banded and strips"].cols)
+    blur = RowBlur(paths, WIDTH, channels=3, threads=threads)
+    quadratic = TileQuadratic(banks["banded and strips"], shape, threads=threads)
+
+    def total_variation(picture: Image, out: Image | None = None) -> Image:
+        return _into(out, quadratic.apply(picture, prior=DerivativePrior("tv", 1e-3)))
+
+    def row_blur(picture: Image, out: Image | None = None) -> Image:
+        return _into(out, blur.forward(blur.adjoint(picture)))
+
+    by_name: dict[str, Apply] = {name: Deconvolver(bank, shape, threads=threads).apply for name, bank in banks.items()}
+    methods: tuple[Literal["direct", "cg"], ...] = ("direct", "cg")
+    for method in methods:
+        by_name[f"rowwise, {method}"] = RowDeconvolver(paths, shape, solver=method, threads=threads).apply
+    return by_name | {"total variation": total_variation, "RowBlur": row_blur}
+
+
+def _into(out: Image | None, result: Image) -> Image:
+    if out is None:
+        return result
+    out[...] = result
+    return out
+
+
+def shared_by_threads(apply: Apply, count: int) -> Counter[str]:
+    """Let 8 threads apply one solver to `count` pictures each; compare with the results of one thread."""
+    pictures = noise(THREADS)
+    expected = [apply(picture).tobytes() for picture in pictures]
+    start = threading.Barrier(THREADS)
+
+    def work(thread: int) -> list[str]:
+        outcomes = []
+        start.wait()
+        for i in range(count):
+            which = (3 * thread + i) % len(pictures)
+            # Write to a new array, to a given array, and in place.
+            picture = pictures[which].copy()
+            out = (None, np.empty_like(picture), picture)[i % 3]
+            outcomes.append("the same bits" if apply(picture, out).tobytes() == expected[which] else "other bits")
+        return outcomes
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        return Counter(state for states in pool.map(work, range(THREADS)) for state in states)
+
+
+def in_process(method: str, limit: float = 60.0) -> Counter[str]:
+    """Use solvers and `deblur` in a process that is forked or spawned by one that used them before."""
+    picture = noise(1)[0]
+    mine = used()
+    expected = {name: apply(picture).tobytes() for name, apply in mine.items()}
+    context, outcomes = get_context(method), Counter[str]()
+    # A forked process inherits the solvers while another thread of the parent uses them.
+    busy, working = threading.Event(), mine["banded"]
+    other = threading.Thread(target=lambda: [working(picture) for _ in iter(busy.is_set, True)])
+    other.start()
+    try:
+        queue = context.Queue()
+        arguments = (queue, mine if method == "fork" else None, picture)
+        process = context.Process(target=_answer, args=arguments)  # type: ignore[attr-defined]  # of both contexts
+        process.start()
+        try:
+            answers = queue.get(timeout=limit)
+            outcomes.update("the same bits" if answers[name] == expected[name] else "other bits" for name in expected)
+        except Exception:  # no answer in time
+            outcomes["no answer"] += 1
+            process.kill()
+        process.join()
+        outcomes[f"exit {process.exitcode}"] += 1
+    finally:
+        busy.set()
+        other.join()
+    return outcomes
+
+
+def used() -> dict[str, Apply]:
+    """Return the solvers, and `deblur`."""
+    return solvers(2) | {f"deblur, {mode}": partial(_deblur, mode=mode) for mode in ("banded", "rowwise")}
+
+
+def _deblur(picture: Image, *, mode: Literal["banded", "rowwise"]) -> Image:
+    return deblur(picture, *RECORDING, mode=mode, prior="wiener").image
+
+
+def _answer(queue: Any, inherited: dict[str, Apply] | None, picture: Image) -> None:
+    mine = used() if inherited is None else inherited
+    queue.put({name: apply(picture).tobytes() for name, apply in mine.items()})
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_threads_that_share_a_solver_get_the_bits_of_one(kind: str) -> None:
-    assert load.shared_by_threads(KINDS[kind], 3) == {"the same bits": 3 * load.THREADS}
+    assert shared_by_threads(solvers(2)[kind], 3) == {"the same bits": 3 * THREADS}
 
 
 @pytest.mark.parametrize("method", ["fork", "spawn"])
 def test_other_processes_get_the_same_bits(method: str) -> None:
-    counts = load.in_processes(method, 1)
-    assert counts == {"the same bits": len(KINDS) + 2, "exit 0": 1}
+    assert in_process(method) == {"the same bits": len(KINDS) + 2, "exit 0": 1}
 
 
 def in_a_fork(work: Callable[[], Any]) -> int:
@@ -102,7 +213,7 @@ def test_a_fork_waits_for_what_a_process_has_once(lock: Any) -> None:
 def test_a_function_that_a_solver_calls_may_not_use_it() -> None:
     """It would spoil the solver's buffers, or wait for itself."""
     bank, prior = psfs(*RECORDING, bands=2, strips=1), DerivativePrior("tv", 1e-3)
-    tiles, prepared = TileQuadratic(bank, PICTURE.shape), plan(*RECORDING).prepare(PICTURE)
+    tiles = TileQuadratic(bank, PICTURE.shape)
     rows = RowDeconvolver(BlurPaths.every_row(Capture.from_log(*RECORDING), [20.0]), PICTURE.shape)
     wiener = Deconvolver(bank, PICTURE.shape)
     calls: list[Callable[[Callable[..., Any]], Any]] = [
@@ -110,7 +221,6 @@ def test_a_function_that_a_solver_calls_may_not_use_it() -> None:
         lambda again: tiles.apply(PICTURE, prior=PlugAndPlayPrior(lambda image, sigma: again() or image, 0.01)),
         lambda again: rows.apply(PICTURE, progress=again),
         lambda again: wiener.apply(PICTURE, progress=again),
-        lambda again: prepared.apply(PICTURE, progress=lambda stage, _: again() if stage == "apply" else None),
     ]
     for call in calls:
         with pytest.raises(InputError, match="the solver is at work on a picture"):

@@ -5,6 +5,7 @@ Every test takes its cases from hypothesis, the same ones each time.
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
@@ -21,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 import rsdeblur
 from rsdeblur import Camera, Exposure, GyroLog, InputError
-from rsdeblur.choices import MODES, READOUT_DIRECTIONS
+from rsdeblur.choices import BORDERS, BOUNDARIES, MODES, READOUT_DIRECTIONS
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.pipeline.deblur import psfs
 from tests.installed import PRIORS
@@ -116,9 +117,9 @@ def test_the_mean_is_kept_where_the_picture_repeats(capture: Taken) -> None:
 
 
 @few
-@given(captures(), modes, st.sampled_from(sorted(LINEAR)), st.floats(-2, 2))
-def test_linear_in_the_picture(capture: Taken, mode: str, prior: str, factor: float) -> None:
-    one, other = capture.noise(1), capture.noise(2)
+@given(captures(), modes, st.sampled_from(sorted(LINEAR)), st.sampled_from([1, 3]), st.floats(-2, 2))
+def test_linear_in_the_picture(capture: Taken, mode: str, prior: str, channels: int, factor: float) -> None:
+    one, other = capture.noise(1, channels), capture.noise(2, channels)
     options = {"mode": mode, **LINEAR[prior]}
     together = solved(capture, one + np.float32(factor) * other, **options)
     apart = solved(capture, one, **options) + np.float32(factor) * solved(capture, other, **options)
@@ -212,13 +213,38 @@ def test_paths_scale_with_the_camera(capture: Taken, times: int) -> None:
         )
 
 
-@few
-@given(captures(), modes, st.sampled_from(PRIORS))
-def test_runs_and_threads_give_the_same_bits(capture: Taken, mode: str, prior: str) -> None:
-    image = capture.noise(channels=3)
-    first, again, alone = (solved(capture, image, mode=mode, prior=prior, threads=threads) for threads in (3, 3, 1))
-    np.testing.assert_array_equal(first, again)
-    np.testing.assert_array_equal(first, alone)
+# From 128 px of transform width, threads share the columns of a single tile.
+WIDE = Camera(136, 40, 136.0, readout_time=0.02)
+SHAKE = rsdeblur.hand_shake(0.4, strength=0.4, seed=1)
+WINDOWS = Exposure(0.15, 0.03), Exposure(0.25, 0.03)
+
+
+@pytest.mark.parametrize("softness", [0.0, 0.8])
+@pytest.mark.parametrize("mode", MODES)
+def test_any_number_of_threads_gives_the_same_bits(mode: str, softness: float) -> None:
+    image = np.random.default_rng(0).random((WIDE.height, WIDE.width, 3), dtype=np.float32)
+    # Each prior with another border; the CNN, which takes as long as all others, in tests/deconv/test_cnn.py.
+    borders = itertools.cycle(BORDERS if mode == "rowwise" else (*BORDERS, *BOUNDARIES))
+    for n, (prior, border) in enumerate(zip([p for p in PRIORS if p != "cnn"], borders, strict=False)):
+        turns = {"solver": ("direct", "cg")[n % 2], "bands": 1 + n // 2 % 2, "strips": 1 + n // 4 % 2}
+        options = {"mode": mode, "prior": prior, "softness": softness, "border": border, "nsr": 0.01, **turns}
+        one, two = (
+            deblur(image, SHAKE, WIDE, WINDOWS[0], check=False, threads=threads, **options).image for threads in (1, 2)
+        )
+        np.testing.assert_array_equal(two, one, err_msg=str(options))
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("prior", ["wiener", "tv"])
+def test_any_number_of_threads_gives_the_same_bits_of_a_burst(mode: str, prior: str) -> None:
+    images = np.random.default_rng(0).random((2, WIDE.height, WIDE.width, 3), dtype=np.float32)
+    one, two = (
+        rsdeblur.deblur_burst(
+            list(images), SHAKE, WIDE, WINDOWS, mode=mode, prior=prior, softness=0.8, check=False, threads=threads
+        ).result.image
+        for threads in (1, 2)
+    )
+    np.testing.assert_array_equal(two, one)
 
 
 CASES = """

@@ -20,8 +20,6 @@ IMAGE = np.random.default_rng(0).random(SHAPE, dtype=np.float32)
 BANK = PsfBank.for_picture(np.full((1, 5), 0.2), SHAPE)
 CAPTURE = Capture.from_log(LOG, CAMERA, EXPOSURE)
 PATHS = BlurPaths.every_row(CAPTURE, [20.0])
-FORCE = rs.AccelerationLog([0.0, 0.1, 0.2], [[0.0, 0.0, 9.8]] * 3)
-INERTIAL = rs.InertialTrack.from_logs(LOG, FORCE, CAMERA, 0.0, 0.15)
 TRANSLATION = rs.Translation([0, 1], [[0, 0, 0], [0, 0, 1]], 1.0)
 TRAJECTORY = rs.Trajectory([0, 1], [[0, 0, 0], [1, 0, 0]], [[0, 0, 0, 1]] * 2)
 WIENER, TILES, ROWS = rs.Deconvolver(BANK, SHAPE), rs.TileQuadratic(BANK, SHAPE), rs.RowDeconvolver(PATHS, SHAPE)
@@ -79,7 +77,6 @@ CALLS: dict[str, Call] = {
     "plan: options": lambda x: rs.plan(LOG, CAMERA, EXPOSURE, x),
     "Plan.apply: image": lambda x: PLAN.apply(x),
     "Plan.prepare: image": lambda x: PLAN.prepare(x),
-    "Plan.replan: log": lambda x: PLAN.replan(x, EXPOSURE),
     "GyroLog: t": lambda x: GyroLog(x, [[0, 0, 0], [0, 0, 0]]),
     "GyroLog: omega": lambda x: GyroLog([0, 1], x),
     "GyroLog: epoch_ns": lambda x: GyroLog([0, 1], [[0, 0, 0], [0, 0, 0]], x),
@@ -170,16 +167,8 @@ CALLS: dict[str, Call] = {
     "simulate_clip: camera": lambda x: list(rs.simulate_clip(IMAGE, LOG, x, [EXPOSURE])),
     "simulate_clip: exposures": lambda x: list(rs.simulate_clip(IMAGE, LOG, CAMERA, x)),
     "simulate_clip: layers": lambda x: list(rs.simulate_clip(IMAGE, LOG, CAMERA, [EXPOSURE], layers=[x])),
-    "InertialTrack.from_logs: log": lambda x: rs.InertialTrack.from_logs(x, FORCE, CAMERA, 0.0, 0.1),
-    "InertialTrack.from_logs: acceleration": lambda x: rs.InertialTrack.from_logs(LOG, x, CAMERA, 0.0, 0.1),
-    "InertialTrack.from_logs: camera": lambda x: rs.InertialTrack.from_logs(LOG, FORCE, x, 0.0, 0.1),
-    "InertialTrack.during: exposure": lambda x: INERTIAL.during(x, CAMERA),
-    "InertialTrack.translation: exposure": lambda x: INERTIAL.translation(x, CAMERA, 1.0, [0, 0, 0]),
     "Trajectory.translation: exposure": lambda x: TRAJECTORY.translation(x, CAMERA, 1.0),
     "Trajectory.translation: camera": lambda x: TRAJECTORY.translation(EXPOSURE, x, 1.0),
-    "fit_drifts: track": lambda x: rs.fit_drifts(x, CAMERA, [EXPOSURE], [[1.0, 0.0]]),
-    "fit_drifts: camera": lambda x: rs.fit_drifts(INERTIAL, x, [EXPOSURE], [[1.0, 0.0]]),
-    "fit_drifts: exposures": lambda x: rs.fit_drifts(INERTIAL, CAMERA, x, [[1.0, 0.0]]),
     "Translation.drift: known": lambda x: rs.Translation.drift((1, 0), CAMERA, EXPOSURE, known=x),
     "PsfBank.padded: size": BANK.padded,
     "PsfBank.cut: rows": lambda x: BANK.cut(x, slice(0, 1)),
@@ -275,7 +264,6 @@ def test_numbers_that_are_out_of_range_are_refused() -> None:
         "picture must not have values beyond": lambda: BLUR.adjoint(huge),
         "latent must be finite": lambda: BLUR.forward(np.full(BLUR.latent_shape, np.nan)),
         "at most 2000000000 values": lambda: rs.RowBlur(PATHS, 10**9),
-        "drift_sd must be at least": lambda: rs.fit_drifts(INERTIAL, CAMERA, [EXPOSURE], [[1, 0]], drift_sd=1e-99),
         "the paths reach 1e+300 px, further than any picture": lambda: longest(1e300),
         "36 x 1 PSFs of 2000003x2000003 px would take": lambda: PsfBank.from_paths(longest(1e6)),
         "PSFs of 1000009x1000009 px would take": lambda: rs.RowBlur(longest(1e6), 48),

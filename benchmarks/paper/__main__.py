@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from benchmarks import machine
-from benchmarks.captures import ROOT, require_data
+from benchmarks.data import noted, pages
 from benchmarks.paper import baselines, borders, clock, failures, geometry, noise, options, rolling, speed
 from benchmarks.paper.figure import section
 from benchmarks.tables import markdown, write
@@ -47,22 +47,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few small cases, to see that it runs")
     parser.add_argument("--only", choices=GROUPS, action="append", help="only this group; other figures are kept")
-    parser.add_argument("--folder", type=Path, default=ROOT / "docs" / "benchmarks", help="folder of the page")
+    parser.add_argument("--folder", type=Path, default=pages(), help="folder of the page")
     arguments = parser.parse_args()
-    require_data()
     folder = arguments.folder / "paper"
     folder.mkdir(parents=True, exist_ok=True)
     load = machine.load()
     names = arguments.only or list(GROUPS)
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} groups")
     with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True, highlight=False)) as progress:
+        if note := noted("").rstrip():
+            progress.console.print(note, markup=False)
         task = progress.add_task("", total=len(names))
         for name in names:
             progress.update(task, description=name)
             for line in run(name, folder, quick=arguments.quick):
                 progress.console.print(line, markup=False)
             progress.advance(task)
-    write(arguments.folder / "paper.md", page(folder, load))
+    write(arguments.folder / "paper.md", noted(page(folder, load)))
 
 
 def run(name: str, folder: Path, *, quick: bool) -> Iterator[str]:

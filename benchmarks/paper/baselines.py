@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from scipy.signal import fftconvolve
 
-from benchmarks import baselines
-from benchmarks.captures import DATA, Image, quality
+from benchmarks import baselines, data
+from benchmarks.captures import quality
+from benchmarks.data import Image
 from benchmarks.paper.figure import Cell, Figure, pictures
-from rsdeblur import BlurPaths, Camera, Deconvolver, Exposure, GyroLog, PsfBank, deblur, psfs, read_gyro, simulate
-from rsdeblur.image.transfer import from_linear, to_linear
-from rsdeblur.io import read_picture
+from rsdeblur import BlurPaths, Camera, Deconvolver, Exposure, GyroLog, PsfBank, deblur, psfs, simulate
+from rsdeblur.image.transfer import from_linear
 from rsdeblur.motion.paths import Capture
 
 # Figure, picture, start in the log (s), exposure (s), width and height of the PSF in the paper (px).
@@ -43,7 +43,7 @@ def figure(name: str, picture: str, start: float, duration: float, box: tuple[in
     """Compare all methods on blur by one PSF, as in the published model, and on a capture."""
     camera, exposure, log = scaled(start, duration, box)
     bank = psfs(log, camera, exposure, mode="global", motion="small-angle")
-    sharp = to_linear((read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255).astype(np.float32), "srgb")
+    sharp = data.light(picture)
     sharp = sharp.mean(axis=2, keepdims=True)
     left, top = (sharp.shape[1] - SIZE[0]) // 2, (sharp.shape[0] - SIZE[1]) // 2
     truth = sharp[top : top + SIZE[1], left : left + SIZE[0]]
@@ -65,7 +65,8 @@ def figure(name: str, picture: str, start: float, duration: float, box: tuple[in
     return Figure(
         name,
         f"Figure {name[3:]}: exposure of 1/{round(1 / duration)} s, PSF of {wide}x{tall} px",
-        f"{picture}, a real phone's shake scaled until the PSF has the size in the paper ({box[0]}x{box[1]} px), "
+        f"{data.named(picture)}, a {data.REAL} phone's shake scaled until the PSF has the size in the paper "
+        f"({box[0]}x{box[1]} px), "
         f"{SIZE[0]}x{SIZE[1]} px, noise of 40 dB, Phi = {NSR}. *Model*: blurred with the PSF that the methods get. "
         f"*Capture*: simulated with rolling shutter ({1e3 * READOUT:g} ms) and roll, which one PSF cannot describe. "
         f"TV-L1 with the best of the weights {', '.join(map(str, WEIGHTS))}, chosen with the truth; its processor time "
@@ -116,7 +117,7 @@ def methods(
 
 def scaled(start: float, duration: float, box: tuple[int, int]) -> tuple[Camera, Exposure, GyroLog]:
     """Return a camera, an exposure and a real log whose rates are scaled until the PSF fills the box."""
-    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    log = data.shake()
     camera = Camera(*SIZE, 1.1 * SIZE[0], readout_time=READOUT)
     exposure = Exposure(start, duration, log.epoch_ns)
     scale = np.ones(2)

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 
 import numpy as np
 from scipy.signal import fftconvolve
 
-from benchmarks.captures import DATA, Image
+from benchmarks import data
+from benchmarks.data import Image
+from benchmarks.paper.continuations import reflected, tapered
 from benchmarks.paper.figure import Cell, Figure, pictures
-from rsdeblur import BlurPaths, Camera, Capture, Deconvolver, Exposure, PsfBank, psfs, read_gyro
-from rsdeblur.choices import Border, Boundary
+from rsdeblur import BlurPaths, Camera, Capture, Deconvolver, Exposure, PsfBank, psfs
+from rsdeblur.choices import Border
 from rsdeblur.deconv.border import fade
-from rsdeblur.deconv.boundary import extended
+from rsdeblur.deconv.boundary import extended_shape, smooth
 from rsdeblur.deconv.rowwise import RowDeconvolver
-from rsdeblur.image.transfer import from_linear, to_linear
-from rsdeblur.io import read_picture
+from rsdeblur.image.transfer import from_linear
 
 PICTURES = ("kodim01", "kodim05", "kodim13", "kodim23")
 STARTS = (14.0, 33.0, 40.0)
@@ -31,12 +31,11 @@ SHOWN = np.s_[:150, :200]
 
 def figures(quick: bool) -> Iterator[Figure]:
     """Yield the comparison."""
-    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    log = data.shake()
     scores: dict[str, list[tuple[float, ...]]] = {}
     shown: dict[str, Image] = {}
     for n, name in enumerate(PICTURES[:1] if quick else PICTURES):
-        stored = (read_picture(DATA / "sharp" / f"{name}.png").pixels / 255).astype(np.float32)
-        scene = to_linear(stored, "srgb")
+        scene = data.light(name)
         for start in STARTS[:1] if quick else STARTS:
             exposure = Exposure(start, DURATION, log.epoch_ns)
             bank = psfs(log, CAMERA, exposure, mode="global", motion="small-angle")
@@ -61,9 +60,10 @@ def report(means: dict[str, tuple[float, ...]], shown: dict[str, Image]) -> Figu
     return Figure(
         "borders",
         "Borders: the default and its alternatives",
-        f"Kodak pictures cut to {CAMERA.width}x{CAMERA.height} px that go on beyond the frame, blurred with one PSF of "
-        f"a real log (1/{round(1 / DURATION)} s, {len(STARTS)} moments, no rolling shutter), noise of 46 dB, Wiener "
-        f"filter with Phi = {NSR}. *Near* is within one PSF of the frame, *inside* the rest; PSNR (dB) in sRGB. "
+        f"{data.COLLECTION} pictures cut to {CAMERA.width}x{CAMERA.height} px that go on beyond the frame, blurred "
+        f"with one PSF of a {data.REAL} log (1/{round(1 / DURATION)} s, {len(STARTS)} moments, no rolling shutter), "
+        f"noise of 46 dB, Wiener filter with Phi = {NSR}. *Near* is within one PSF of the frame, *inside* the rest; "
+        "PSNR (dB) in sRGB. "
         "*Ringing* is the root mean square difference, near the border, from the result of the same filter on the "
         "scene beyond the frame, in 1/1000 of the range of sRGB; the last row is that ideal. ms: median processor time "
         "of one application, including the continuation.",
@@ -109,11 +109,16 @@ def solvers(observed: Image, bank: PsfBank) -> dict[str, Callable[[], Image]]:
         filters = Deconvolver(PsfBank.for_picture(kernel, shape), shape, nsr=NSR, border=border)
         return lambda: filters.apply(prepare())[: CAMERA.height, : CAMERA.width]
 
-    alternatives: tuple[Boundary, ...] = ("reflect", "edge-taper", "smooth")
+    height, width, _ = extended_shape(observed.shape, bank)
+    alternatives: dict[str, Callable[[], Image]] = {
+        "reflect": lambda: reflected(observed, height, width),
+        "edge-taper": lambda: tapered(observed, bank.kernels[0, 0]),
+        "smooth": lambda: smooth(observed, height, width),
+    }
     return {
         "blend": planned("blend", lambda: observed),
         "periodic": planned("periodic", lambda: observed),
-        **{name: planned("periodic", partial(extended, observed, bank, name)) for name in alternatives},
+        **{name: planned("periodic", prepare) for name, prepare in alternatives.items()},
         INSIDE: planned("periodic", lambda: blended_inside(observed, bank.size)),
     }
 

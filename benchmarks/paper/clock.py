@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.captures import DATA, ROOT
+from benchmarks import data
+from benchmarks.data import DATA, ROOT
 from benchmarks.paper.figure import Cell, Figure
 from rsdeblur import (
     Camera,
@@ -27,7 +28,6 @@ from rsdeblur import (
     simulate,
 )
 from rsdeblur._util.threads import thread_count
-from rsdeblur.image.transfer import to_linear
 from rsdeblur.io import read_picture
 
 PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim20", "kodim23")
@@ -57,7 +57,7 @@ class Trial:
 
 def figures(quick: bool) -> Iterator[Figure]:
     """Yield the figure of the accuracy of the search."""
-    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    log = data.shake()
     rng = np.random.default_rng(5)
     count = 4 if quick else 16
     moments, offsets = rng.uniform(2.0, 54.0, count), np.linspace(-LARGEST, LARGEST, count)
@@ -75,7 +75,7 @@ def trial(log: GyroLog, picture: str, start: float, duration: float, offset: flo
     """Simulate a capture with a real shake and search for its known offset."""
     near = log.trimmed(start - 0.4, start + 0.5)
     exposure = Exposure(start, duration, log.epoch_ns)
-    sharp = to_linear((read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255).astype(np.float32), "srgb")
+    sharp = data.light(picture)
     blurred = simulate(sharp, near, CAMERA, exposure, noise=NOISE).blurred
     blur = float(Capture.from_log(near, CAMERA, exposure).probe.lengths.mean())
     return Trial(blur, offset, find_time_offset(blurred, near.shifted(-offset), CAMERA, exposure, search=SEARCH))
@@ -84,13 +84,15 @@ def trial(log: GyroLog, picture: str, start: float, duration: float, offset: flo
 def uniform(rates: tuple[float, float, float]) -> OffsetSearch:
     """Search in a capture in which every offset gives the same blur."""
     log, exposure = GyroLog(np.arange(0, 1.0, 0.005), np.tile(rates, (200, 1))), Exposure(0.4, 1 / 30)
-    sharp = to_linear((read_picture(DATA / "sharp" / "kodim05.png").pixels / 255).astype(np.float32), "srgb")
+    sharp = data.light("kodim05")
     blurred = simulate(sharp, log, CAMERA, exposure, noise=NOISE).blurred
     return find_time_offset(blurred, log, CAMERA, exposure, search=SEARCH)
 
 
 def real(pool: Executor) -> Iterator[tuple[str, OffsetSearch]]:
-    """Search in the real pictures around the offsets of their camera files."""
+    """Search in the real pictures, if they are there, around the offsets of their camera files."""
+    if not data.RECORDED:
+        return
     folder, camera = DATA / "real" / "mars-phone-240ms", read_camera(ROOT / "docs/cameras/mars-phone-240ms.toml")
     log, captures = read_gyro(folder / "gyro_accel.csv"), read_captures(folder / "movie_metadata.csv")
     jobs = {
@@ -148,9 +150,10 @@ def accuracy(trials: list[Trial], even: list[OffsetSearch], pictures: list[tuple
     return Figure(
         "clock",
         "The time offset, estimated from the picture",
-        f"{len(trials)} captures of {CAMERA.width}x{CAMERA.height} px with a real phone's shake at random moments, "
-        f"1/60 to 1/15 s, readout 30 ms, noise of 40 dB; the log is off by up to {1e3 * LARGEST:g} ms either way, the "
-        f"search goes from {1e3 * SEARCH[0]:g} to {1e3 * SEARCH[1]:g} ms. Constant rates blur alike at every offset. "
+        f"{len(trials)} captures of {CAMERA.width}x{CAMERA.height} px with a {data.REAL} phone's shake at random "
+        f"moments, 1/60 to 1/15 s, readout 30 ms, noise of 40 dB; the log is off by up to {1e3 * LARGEST:g} ms either "
+        f"way, the search goes from {1e3 * SEARCH[0]:g} to {1e3 * SEARCH[1]:g} ms. Constant rates blur alike at "
+        "every offset. "
         "The offsets of the real pictures are compared with those of their camera files, which are accurate to some "
         "5 ms (mars) or to an unknown extent (shield). Errors in ms.",
         f"New here: where the blur is {ENOUGH:g} px and more, {len(answered)} of {len(enough)} offsets are found, with "

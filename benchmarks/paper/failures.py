@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.captures import DATA, Image, quality
+from benchmarks import data
+from benchmarks.captures import quality
+from benchmarks.data import Image
 from benchmarks.paper.figure import Cell, Figure, pictures
-from rsdeblur import Camera, Exposure, GyroLog, Translation, deblur, read_gyro, simulate
-from rsdeblur.image.transfer import from_linear, to_linear
-from rsdeblur.io import read_picture
+from rsdeblur import Camera, Exposure, GyroLog, Translation, deblur, simulate
+from rsdeblur.image.transfer import from_linear
 
 CAMERA = Camera(640, 448, 704.0, readout_time=0.03)
 START, DURATION = 33.0, 1 / 15
@@ -23,24 +24,18 @@ SHOWN = np.s_[20:170, 420:620]
 
 def figures(quick: bool) -> Iterator[Figure]:
     """Yield the two halves of figure 6."""
-    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    log = data.shake()
     log = log.trimmed(START - 0.2, START + 0.4)
     exposure = Exposure(START, DURATION, log.epoch_ns)
     yield roll(log, exposure)
     yield near_scene(log, exposure)
 
 
-def scene() -> Image:
-    """Return the scene in linear light."""
-    stored = (read_picture(DATA / "sharp" / "kodim01.png").pixels / 255).astype(np.float32)
-    return to_linear(stored, "srgb")
-
-
 def compared(
     log: GyroLog, exposure: Exposure, ways: dict[str, dict[str, Any]], translation: Translation | None = None
 ) -> tuple[list[tuple[Cell, ...]], dict[str, Image]]:
     """Deblur one capture in several ways; return the table and the pictures."""
-    capture = simulate(scene(), log, CAMERA, exposure, noise=NOISE, translation=translation)
+    capture = simulate(data.light("kodim01"), log, CAMERA, exposure, noise=NOISE, translation=translation)
     results = {"blurred": capture.blurred}
     for name, arguments in ways.items():
         results[name] = deblur(capture.blurred, log, CAMERA, exposure, prior="wiener", nsr=NSR, **arguments).image
@@ -67,8 +62,8 @@ def roll(log: GyroLog, exposure: Exposure) -> Figure:
     return Figure(
         "fig6-roll",
         "Figure 6: rotation about the optical axis",
-        "A real shake whose rates about x and y are reduced to 0.3 and about z are tripled, 1/15 s, readout 30 ms. "
-        "PSNR (dB) and SSIM in sRGB.",
+        f"A {data.REAL} shake whose rates about x and y are reduced to 0.3 and about z are tripled, 1/15 s, readout "
+        "30 ms. PSNR (dB) and SSIM in sRGB.",
         f"{verdict}: their model changes the blurred picture's {blurred:.1f} dB to {one:.1f} dB; strips, which they "
         f"lack, reach {strips:.1f} dB with bands and {rowwise:.1f} dB row by row.",
         ("method", "PSNR", "SSIM"),

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from scipy.signal import fftconvolve
 
-from benchmarks.captures import DATA, NOISE, SimulatedCapture, quality
+from benchmarks import data
+from benchmarks.captures import NOISE, SimulatedCapture, quality
 from benchmarks.paper.figure import Figure, lines
-from rsdeblur import Camera, Exposure, GyroLog, deblur, psfs, read_gyro, simulate
+from rsdeblur import Camera, Exposure, GyroLog, deblur, psfs, simulate
 from rsdeblur.choices import MODES, Mode
-from rsdeblur.image.transfer import to_linear
-from rsdeblur.io import read_picture
 
 LEVELS = (0.0, 0.007, 0.02, 0.035, 0.05, 0.065, 0.08, 0.1)
 REPETITIONS = 10
@@ -48,10 +47,10 @@ def figures(quick: bool) -> Iterator[Figure]:
 
 def shaken(picture: str, start: float, duration: float) -> SimulatedCapture:
     """Simulate a capture under a rolling shutter."""
-    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    log = data.shake()
     exposure = Exposure(start, duration, log.epoch_ns)
-    sharp = to_linear((read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255).astype(np.float32), "srgb")
-    return SimulatedCapture(picture, log, CAMERA, exposure, simulate(sharp, log, CAMERA, exposure, noise=NOISE))
+    pictures = simulate(data.light(picture), log, CAMERA, exposure, noise=NOISE)
+    return SimulatedCapture(picture, log, CAMERA, exposure, pictures)
 
 
 def noisy(log: GyroLog, deviation: float, seed: int) -> GyroLog:
@@ -62,9 +61,9 @@ def noisy(log: GyroLog, deviation: float, seed: int) -> GyroLog:
 
 def global_blur(repetitions: int) -> Figure:
     """Return figures 8 and 9: one PSF from the true log blurs, one from a noisy log deblurs."""
-    log = read_gyro(DATA / "gyro" / "phone-210hz.txt").trimmed(START - 1, START + 1)
+    log = data.shake().trimmed(START - 1, START + 1)
     camera, exposure = Camera(768, 512, 845.0), Exposure(START, DURATION, log.epoch_ns)
-    sharp = (read_picture(DATA / "sharp" / "kodim05.png").pixels / 255).mean(axis=2)
+    sharp = (data.pixels("kodim05") / 255).mean(axis=2)
     kernel = psfs(log, camera, exposure, mode="global", motion="small-angle").kernels[0, 0]
     padded = np.pad(sharp, [(n // 2, n // 2) for n in kernel.shape], mode="wrap")
     blurred = fftconvolve(padded, kernel, mode="valid") + np.random.default_rng(0).normal(0, NOISE, sharp.shape)
@@ -85,9 +84,10 @@ def global_blur(repetitions: int) -> Figure:
     return Figure(
         "fig8-9",
         "Figures 8 and 9: noise of the gyroscope, one PSF",
-        f"kodim05 blurred with the PSF of a real log ({kernel.shape[1]}x{kernel.shape[0]} px), image noise of 40 dB; "
-        f"deblurred with PSFs from the log with Gaussian noise, mean of {repetitions} draws. MSE on [0, 1]; the "
-        f"blurred picture has {baseline:.4f}. Their text calls the axis both variance and rad/s, so both are shown.",
+        f"{data.named('kodim05')} blurred with the PSF of a {data.REAL} log ({kernel.shape[1]}x{kernel.shape[0]} px), "
+        f"image noise of 40 dB; deblurred with PSFs from the log with Gaussian noise, mean of {repetitions} draws. "
+        f"MSE on [0, 1]; the blurred picture has {baseline:.4f}. Their text calls the axis both variance and rad/s, so "
+        "both are shown.",
         f"{'Holds' if holds else 'Holds in part'}: read as a deviation, 0.05 rad/s raises the error by "
         f"{100 * (deviation[at] - 1):.0f} % and 0.1 rad/s by {100 * (deviation[-1] - 1):.0f} %; read as a variance, "
         f"0.05 raises it by {100 * (variance[at] - 1):.0f} %; a phone's {TYPICAL} rad/s by "

@@ -6,12 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from benchmarks.captures import DATA, Image, quality
+from benchmarks import data
+from benchmarks.captures import quality
+from benchmarks.data import Image
 from benchmarks.paper.figure import Cell, Figure, lines, pictures
-from rsdeblur import Camera, Exposure, deblur, read_gyro, simulate
+from rsdeblur import Camera, Exposure, deblur, simulate
 from rsdeblur.estimate.strength import nsr_of_iso
-from rsdeblur.image.transfer import from_linear, to_linear
-from rsdeblur.io import read_picture
+from rsdeblur.image.transfer import from_linear
 
 CAMERA = Camera(640, 448, 704.0)
 PICTURES = ("kodim05", "kodim13", "kodim23")
@@ -29,17 +30,12 @@ def figures(quick: bool) -> Iterator[Figure]:
     yield normalisation()
 
 
-def scene(name: str) -> Image:
-    """Return a picture in linear light."""
-    return to_linear((read_picture(DATA / "sharp" / f"{name}.png").pixels / 255).astype(np.float32), "srgb")
-
-
 def sensitivity(names: tuple[str, ...]) -> Figure:
     """Compare Phi fixed, from ISO, and from the picture."""
-    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    log = data.shake()
     recording = log, CAMERA, Exposure(START, DURATION, log.epoch_ns)
     curves: dict[str, list[float]] = {"Phi = 0.01": [], "Phi from ISO": [], "Phi from the picture": []}
-    captures = [simulate(scene(name), *recording) for name in names]
+    captures = [simulate(data.light(name), *recording) for name in names]
     grain = np.random.default_rng(0).normal(0.0, NOISE, captures[0].blurred.shape).astype(np.float32)
     for iso in ISO:
         scores: dict[str, list[float]] = {way: [] for way in curves}
@@ -56,9 +52,9 @@ def sensitivity(names: tuple[str, ...]) -> Figure:
     return Figure(
         "iso",
         "Phi from the sensitivity",
-        f"{len(names)} pictures blurred by a real shake (no rolling shutter); the noise's deviation is {NOISE} at ISO "
-        "100 and grows with the root of the sensitivity. Phi is 0.01, proportional to ISO, or derived from the picture "
-        "(ours). PSNR, dB.",
+        f"{len(names)} pictures blurred by a {data.REAL} shake (no rolling shutter); the noise's deviation is {NOISE} "
+        "at ISO 100 and grows with the root of the sensitivity. Phi is 0.01, proportional to ISO, or derived from the "
+        "picture (ours). PSNR, dB.",
         f"{holds}: they found little effect; here Phi from ISO gains {gains[2]:+.1f} dB over 0.01 at ISO 400 and "
         f"{gains[-1]:+.1f} dB at ISO 1600.",
         ("ISO", *curves),
@@ -69,9 +65,9 @@ def sensitivity(names: tuple[str, ...]) -> Figure:
 
 def normalisation() -> Figure:
     """Compare plain clipping with the normalised range."""
-    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    log = data.shake()
     recording = log, CAMERA, Exposure(START, LARGE, log.epoch_ns)
-    capture = simulate((GAIN * scene(BRIGHT)).clip(0, 1), *recording, noise=NOISE)
+    capture = simulate((GAIN * data.light(BRIGHT)).clip(0, 1), *recording, noise=NOISE)
     truth = capture.rolling
     rows: list[tuple[Cell, ...]] = []
     shown: dict[str, Image] = {}
@@ -95,9 +91,9 @@ def normalisation() -> Figure:
     return Figure(
         "normalisation",
         "Normalisation of the range",
-        f"{BRIGHT}, {GAIN} times as bright, blurred over 1/{round(1 / LARGE)} s (PSF of {wide[1]}x{wide[0]} px), "
-        "global. *Clipped* values in per cent; *contrast* is the standard deviation of light divided by that of the "
-        "truth; PSNR (dB) and SSIM in sRGB.",
+        f"{data.named(BRIGHT)}, {GAIN} times as bright, blurred over 1/{round(1 / LARGE)} s (PSF of "
+        f"{wide[1]}x{wide[0]} px), global. *Clipped* values in per cent; *contrast* is the standard deviation of light "
+        "divided by that of the truth; PSNR (dB) and SSIM in sRGB.",
         f"Holds{'' if squeezed < contrast else ' in part'}: normalisation clips {outliers:.1f} % instead of "
         f"{clipped:.1f} % and costs contrast ({squeezed:.2f} instead of {contrast:.2f} of the truth); the PSNR goes "
         f"from {plain:.1f} to {normalised:.1f} dB.",

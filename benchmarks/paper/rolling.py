@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.captures import DATA
+from benchmarks import data
 from benchmarks.paper.figure import Cell, Figure
-from rsdeblur import BlurPaths, Camera, Exposure, psfs, read_gyro, simulate
+from rsdeblur import BlurPaths, Camera, Exposure, psfs, simulate
 from rsdeblur.motion.paths import Capture
 
 DURATION = 1 / 14
@@ -21,7 +21,7 @@ PITCH = 60  # px between points
 
 def figures(quick: bool) -> Iterator[Figure]:
     """Yield figure 7."""
-    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    log = data.shake()
     points = np.zeros((CAMERA.height + 120, CAMERA.width + 120))
     points[PITCH // 2 :: PITCH, PITCH // 2 :: PITCH] = 1.0
     exposure = Exposure(TIMESTAMP + STARTS[0], DURATION, log.epoch_ns)
@@ -56,8 +56,8 @@ def figures(quick: bool) -> Iterator[Figure]:
     yield Figure(
         "fig7",
         "Figure 7: a rolling shutter's point grid",
-        "A grid of points, exposure 1/14 s, readout 30 ms, a real phone's shake; and the PSFs that the gyroscope gives "
-        "for exposures that start 40 to 100 ms after a timestamp. Sizes in px.",
+        f"A grid of points, exposure 1/14 s, readout 30 ms, a {data.REAL} phone's shake; and the PSFs that the "
+        "gyroscope gives for exposures that start 40 to 100 ms after a timestamp. Sizes in px.",
         f"Holds: points of one exposure trace different curves from row to row (those of the first and the last row "
         f"are up to {change:.1f} px apart at equal times), and the curves are those of the log read later.",
         ("start (ms)", "width", "height"),

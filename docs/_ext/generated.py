@@ -24,9 +24,9 @@ from rsdeblur.cli import main
 
 # Modules for users, beside the names of `rsdeblur` itself, in the order of the package's ladder.
 MODULES = (
-    "motion.axes", "motion.rectify", "deconv.priors", "io", "io.history", "io.claims",
+    "motion.axes", "motion.rectify", "deconv.priors", "io",
     "report", "plot",
-    "video.clip", "video.times", "video.plan", "video.run",
+    "video.clip", "video.times", "video.plan", "video.encode",
 )  # fmt: skip
 
 
@@ -179,8 +179,15 @@ def write_pages(app: Sphinx) -> None:
             path.write_text(text, encoding="utf-8")
 
 
+def leave_out_of_search(app: Sphinx, doctree: Element) -> None:
+    """Keep pages for developers out of the site's search, where they would precede tutorials."""
+    if app.env.docname.startswith("developer/"):
+        app.env.metadata[app.env.docname]["nosearch"] = True
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register with Sphinx."""
+    app.connect("doctree-read", leave_out_of_search)
     app.connect("builder-inited", write_pages)
     app.connect("autodoc-process-docstring", equations, priority=400)  # before numpydoc takes the sections apart
     app.connect("missing-reference", link)

@@ -2,8 +2,8 @@
 Frames of a video
 =================
 
-A plan decides strengths and tiles once; ``replan`` takes the motion of the next frame and keeps all else, with its
-transforms.
+The strengths of the first frame serve all frames, so that brightness and noise do not flicker; each frame has its own
+motion.
 """
 
 import numpy as np
@@ -26,8 +26,9 @@ for i, exposure in enumerate(exposures):
 
 # %%
 
-options = rsdeblur.Options(prior="wiener", check=False)
-plan = rsdeblur.plan(log, camera, exposures[0], options).prepare(frames[0])
-sharp = [plan.replan(log, exposure).apply(frame) for exposure, frame in zip(exposures, frames, strict=True)]
+first = rsdeblur.deblur(frames[0], log, camera, exposures[0], prior="wiener", check=False)
+sharp = [first.image]
+for exposure, frame in zip(exposures[1:], frames[1:], strict=True):
+    sharp.append(rsdeblur.deblur(frame, log, camera, exposure, prior="wiener", nsr=first.nsr, check=False).image)
 axes = rsdeblur.plot.comparison({f"frame {i}": frames[i] for i in (0, 2, 4)})
 axes = rsdeblur.plot.comparison({f"frame {i}, deblurred": sharp[i] for i in (0, 2, 4)})

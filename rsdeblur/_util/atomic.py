@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import BinaryIO
 
 from rsdeblur._util.files import checked_path
-from rsdeblur._util.locks import HAS_LOCKS, lock, open_itself
 from rsdeblur.errors import OutputError
 
 # Bytes written at a time where a file system cannot reserve space.
@@ -53,8 +52,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """Open a temporary file beside `path`, for writing and reading, which replaces `path` at the end.
 
     If the block raises, the temporary file is removed and `path` is unchanged. If `path` is a symbolic link, the file
-    that it points to is replaced. Mode, extended attributes and, where the system allows it, owner and group of a
-    replaced file are kept.
+    that it points to is replaced. Mode and extended attributes of a replaced file are kept.
 
     Parameters
     ----------
@@ -72,15 +70,12 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         If the folder is missing or not writable, the disk is full, or `path` is a folder, a pipe or a device.
     """
     target = _target(path)
-    remove_unfinished(target)
     try:
         with temporary_beside(target) as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
-            if not HAS_LOCKS:  # Windows does not rename an open file
-                file.close()
-            # Locked until it has its name, or `remove_unfinished` might remove it.
+            file.close()  # Windows does not rename an open file
             os.replace(file.name, target)
     except OutputError:
         raise
@@ -117,12 +112,10 @@ def reserve(file: BinaryIO) -> None:
 
 
 def remove_unfinished(path: str | os.PathLike[str]) -> None:
-    """Remove temporary files of `path` that killed processes left behind; those in use are locked and stay."""
+    """Remove the temporary files of `path`; call it when the process that wrote them was killed."""
     target = _target(path)
     for part in target.parent.glob(f"{_mark(target)}*.part"):
-        with suppress(OSError), open(part, "rb", opener=open_itself) as file:
-            lock(file)
-            part.unlink()
+        part.unlink(missing_ok=True)
 
 
 def _mark(target: Path) -> str:
@@ -133,37 +126,16 @@ def _mark(target: Path) -> str:
 
 @contextmanager
 def temporary_beside(target: Path) -> Iterator[BinaryIO]:
-    """Open a new locked file beside `target`, with the mode, owner and extended attributes that `target` has.
-
-    It is removed at the end, or if the process is killed, by the next :func:`atomic_write` to `target`.
-    """
-    while True:
-        # `tempfile` would give the file a mode of its own; this one has the mode of any new file.
-        path = target.with_name(f"{_mark(target)}{secrets.token_hex(8)}.part")
-        try:
-            with open(path, "x+b") as file:
-                try:
-                    lock(file)
-                    is_own = path.exists()
-                except OSError as error:
-                    # Without locks, nobody removes it.
-                    is_own = not isinstance(error, BlockingIOError)
-                # Else `remove_unfinished` has taken it in the moment before it was locked.
-                if is_own:
-                    _inherit(file, target)
-                    yield file
-                    return
-        finally:
-            path.unlink(missing_ok=True)
-
-
-def _inherit(file: BinaryIO, target: Path) -> None:
-    with suppress(OSError):
-        old, new = target.stat(), os.fstat(file.fileno())
-        if (old.st_uid, old.st_gid) != (new.st_uid, new.st_gid):
-            shutil.chown(file.name, old.st_uid, old.st_gid)
-    with suppress(OSError):
-        shutil.copystat(target, file.name)
+    """Open a new file beside `target` with its mode and extended attributes; remove it at the end."""
+    # `tempfile` would give the file a mode of its own; this one has the mode of any new file.
+    path = target.with_name(f"{_mark(target)}{secrets.token_hex(8)}.part")
+    try:
+        with open(path, "x+b") as file:
+            with suppress(OSError):
+                shutil.copystat(target, path)
+            yield file
+    finally:
+        path.unlink(missing_ok=True)
 
 
 def _target(path: str | os.PathLike[str]) -> Path:

@@ -6,12 +6,12 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any, TypeVar
 from weakref import WeakSet
 
-from rsdeblur._util import interrupts, validate
+from rsdeblur._util import validate
 from rsdeblur.errors import InputError
 
 Item = TypeVar("Item")
@@ -37,8 +37,13 @@ def thread_count(threads: int | None) -> int:
     return validate.count("threads", threads, maximum=MOST_THREADS)
 
 
-class Turns:
-    """Turns of the threads that share a solver, whose buffers hold one picture at a time.
+class ThreadTeam:
+    """The threads of a solver, whose buffers hold one picture at a time.
+
+    Parameters
+    ----------
+    threads : int
+        Number of threads, of which the calling thread is one.
 
     Attributes
     ----------
@@ -48,14 +53,16 @@ class Turns:
 
     lock: AbstractContextManager[Any]
 
-    def __init__(self) -> None:
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
         self.renew()
-        _all_turns.add(self)
+        _all_teams.add(self)
 
     def renew(self) -> None:
-        """Replace the lock by one that no thread holds."""
+        """Replace the lock and the threads by new ones, all of them idle."""
         self.lock = threading.RLock()
         self._taken = False
+        self._pool = _pool(self.threads) if self.threads > 1 else None
 
     @contextmanager
     def turn(self) -> Iterator[None]:
@@ -77,25 +84,6 @@ class Turns:
                 yield
             finally:
                 self._taken = False
-
-
-class ThreadTeam(Turns):
-    """The threads of a solver.
-
-    Parameters
-    ----------
-    threads : int
-        Number of threads, of which the calling thread is one.
-    """
-
-    def __init__(self, threads: int) -> None:
-        self.threads = threads
-        super().__init__()
-
-    def renew(self) -> None:
-        """Replace the lock and the threads by new ones, all of them idle."""
-        super().renew()
-        self._pool = _pool(self.threads) if self.threads > 1 else None
 
     def share(self, work: Callable[[int, int], None], tasks: Sequence[int]) -> None:
         """Call `work(thread, task)` for every task.
@@ -157,10 +145,7 @@ def beside(function: Callable[[], Result], threads: int | None) -> Iterator[Call
         yield function
         return
     with _pool(2) as pool:
-        # An interrupt while the thread starts could leave it without an end.
-        with interrupts.Postponed():
-            future = pool.submit(function)
-        yield future.result
+        yield pool.submit(function).result
 
 
 def share_range(work: Callable[[int, int], None], count: int, threads: int | None) -> None:
@@ -203,37 +188,36 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 def _share(pool: ThreadPoolExecutor, threads: int, work: Callable[[int, int], None], tasks: Sequence[int]) -> None:
     left, lock = iter(tasks), threading.Lock()
+    runs: list[Future[None]] = []
 
-    def run(thread: int, between: Callable[[], None] = lambda: None) -> None:
+    def run(thread: int) -> None:
         while True:
             with lock:
                 task = next(left, None)
             if task is None:
                 return
             work(thread, task)
-            between()
 
-    # An interrupt within a task, or while a thread starts, could leave threads that never end.
-    with interrupts.Postponed() as signals:
-        runs = [pool.submit(run, thread) for thread in range(1, min(threads, len(tasks)))]
-        try:
-            # The calling thread works, too: it need not wait until another one has started.
-            run(0, signals.deliver)
-            for each in runs:
-                each.result()
-        finally:
-            # After a failure or an interrupt, no thread may keep writing to buffers that the next call uses.
-            with lock:
-                deque(left, maxlen=0)
-            wait(runs)
+    try:
+        for thread in range(1, min(threads, len(tasks))):
+            runs.append(pool.submit(run, thread))
+        # The calling thread works, too: it need not wait until another one has started.
+        run(0)
+        for each in runs:
+            each.result()
+    finally:
+        # After a failure or an interrupt, no thread may keep writing to buffers that the next call uses.
+        with lock:
+            deque(left, maxlen=0)
+        wait(runs)
 
 
-_all_turns: WeakSet[Turns] = WeakSet()
+_all_teams: WeakSet[ThreadTeam] = WeakSet()
 
 
 def _renew_all() -> None:
-    for turns in _all_turns:
-        turns.renew()
+    for team in _all_teams:
+        team.renew()
 
 
 # A forked process has only the thread that forked, and locks in the state that other threads left them in.

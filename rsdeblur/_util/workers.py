@@ -1,69 +1,39 @@
-"""Many tasks in worker processes, or on a Dask cluster.
+"""Many tasks in worker processes, or on a Dask cluster, through `concurrent.futures`.
 
-A task that fails does not stop the others. A task whose process dies is tried once more. `work` and the tasks are sent
-to the processes, so `work` must be a function of a module, and tasks and answers must pickle.
+A task that fails does not stop the others, nor does one whose process dies.
 """
 
 from __future__ import annotations
 
-import math
 import os
 import signal
-import time
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import suppress
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
-from multiprocessing import connection, get_context
-from multiprocessing.connection import Connection
+from multiprocessing import active_children, get_context, parent_process
+from threading import Thread
 from typing import Any, TypeVar
 
-from rsdeblur._util import interrupts, memory, validate
+from rsdeblur._util import memory
 from rsdeblur._util.extras import missing
 from rsdeblur.errors import InputError, RsdeblurError
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 
-ATTEMPTS = 2
-# Time for an interrupted worker to remove its unfinished files (s).
-PATIENCE = 10.0
-# Tasks that wait at a cluster, per thread of it.
-AHEAD = 2
 # s until a scheduler must answer.
 CONNECT = 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Limits of a task that has a process of its own.
-
-    Parameters
-    ----------
-    memory : int
-        Most bytes of address space, libraries included; not enforced on Windows.
-    seconds : float
-        Most time in s, the start of the process included.
-    """
-
-    memory: int
-    seconds: float
+DIED = "its process died, twice (out of memory, perhaps)"
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A task that failed.
-
-    Parameters
-    ----------
-    message : str
-        One line.
-    died : bool
-        Whether the process was killed or crashed, so that temporary files may be left.
-    """
+    """Why a task failed, in one line."""
 
     message: str
-    died: bool = False
 
 
 def run(
@@ -73,189 +43,134 @@ def run(
     jobs: int = 1,
     scheduler: str | None = None,
     lost: Callable[[Task], None] | None = None,
-    announce: Callable[[str], None] | None = None,
-    limits: Limits | None = None,
 ) -> Generator[tuple[Task, Answer | Failure], None, None]:
     """Do `work` on every task and yield each with its answer, in the order in which they finish.
 
-    To stop early, close the iterator (`contextlib.closing`): it interrupts the tasks under way.
+    To stop early, close the iterator (`contextlib.closing`): it ends the workers at once.
 
     Parameters
     ----------
     work : callable
-        Takes a task and returns its answer.
+        Takes a task and returns its answer; a function of a module, as it is sent to the workers.
     tasks : iterable
         Read as workers become free.
     jobs : int, default 1
-        Number of worker processes; the calling process does no work.
+        Number of worker processes.
     scheduler : str, optional
         Address of a Dask scheduler, whose workers take the place of the processes; they must see the same files.
     lost : callable, optional
-        Called with a task whose process died, before the next attempt: to remove what the process left.
-    announce : callable, optional
-        Called with a line about the workers of the cluster.
-    limits : Limits, optional
-        Gives each task a process of its own, which ends with it, and these limits; not for a cluster. A task that takes
-        too long is not tried again.
+        Called with a task whose process has died, to remove what it left.
 
     Raises
     ------
     InputError
-        If `jobs` is out of range, no scheduler answers, or the extra ``[dask]`` is not installed.
+        If no scheduler answers, or the extra ``[dask]`` is not installed.
     """
-    jobs = validate.count("jobs", jobs)
-    lost = lost or (lambda task: None)
-    if scheduler is None:
-        yield from _in_processes(work, tasks, lost, jobs, limits)
-    else:
-        yield from _on_cluster(work, tasks, lost, scheduler, announce or (lambda line: None))
+    waiting, lost = iter(tasks), lost or (lambda task: None)
+    executor = partial(_processes, jobs) if scheduler is None else partial(_cluster, scheduler)
+    died = yield from _answers(executor, work, waiting, lost)
+    while died:
+        # Nobody knows whose process died first: each is tried once more, alone.
+        for task in died:
+            for again in (yield from _answers(executor, work, iter([task]), lost)):
+                yield again, Failure(DIED)
+        died = yield from _answers(executor, work, waiting, lost)
 
 
-def _in_processes(
+def _answers(
+    executor: Callable[[], AbstractContextManager[tuple[Executor, int]]],
     work: Callable[[Task], Answer],
-    tasks: Iterable[Task],
+    waiting: Iterator[Task],
     lost: Callable[[Task], None],
-    jobs: int,
-    limits: Limits | None,
-) -> Iterator[tuple[Task, Answer | Failure]]:
-    waiting, workers, idle = iter(tasks), list[_Worker](), list[_Worker]()
-    busy: dict[Connection, tuple[_Worker, Task, int]] = {}
-
-    def begin(task: Task, attempt: int) -> None:
-        if not idle:
-            # A process that no list names would not be ended.
-            with interrupts.Postponed():
-                workers.append(_Worker(work, limits))
-            idle.append(workers[-1])
-        worker = idle.pop()
-        busy[worker.pipe] = worker, task, attempt
-        worker.send(task)
-
-    def end(worker: _Worker) -> None:
-        worker.pipe.close()
-        worker.end()
-        workers.remove(worker)
-
+) -> Generator[tuple[Task, Answer | Failure], None, list[Task]]:
+    """Yield answers until there are no more tasks, or a process dies; then return the tasks without an answer."""
+    running, died = dict[Future[Any], Task](), list[Task]()
     try:
-        while True:
-            for task in islice(waiting, jobs - len(busy)):
-                begin(task, 1)
-            if not busy:
-                return
-            deadline = min(worker.deadline for worker, _, _ in busy.values())
-            ready = connection.wait(list(busy), max(0.0, deadline - time.monotonic()) if limits else None)
-            for pipe in busy.keys() - set(ready):
-                busy[pipe][0].kill_if_late()
-            for pipe in [pipe for pipe in busy if pipe in ready]:
-                worker, task, attempt = busy.pop(pipe)
-                answer = worker.answer()
-                if isinstance(answer, Failure) and answer.died:
-                    end(worker)
-                    lost(task)
-                    if attempt < ATTEMPTS and not worker.late:
-                        begin(task, attempt + 1)
-                        continue
-                elif limits:
-                    end(worker)
-                else:
-                    idle.append(worker)
-                yield task, answer
+        with executor() as (pool, most):
+            while True:
+                for task in islice(waiting, 0 if died else most - len(running)):
+                    try:
+                        with _blocked_signals():
+                            running[pool.submit(attempt, work, task)] = task
+                    except BrokenExecutor:  # a process died between two tasks
+                        died.append(task)
+                        break
+                if not running:
+                    return died
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    task = running.pop(future)
+                    # `attempt` catches what `work` raises.
+                    if future.exception() is None:
+                        yield task, future.result()
+                    else:
+                        died.append(task)
     finally:
-        # A second interrupt must not stop the cleanup after the first.
-        with interrupts.ignored():
-            for worker in workers:
-                worker.interrupt()
-            for worker in workers:
-                worker.end()
+        # Their processes have ended.
+        for task in (*running.values(), *died):
+            lost(task)
 
 
-class _Worker:
-    """A process that takes tasks through a pipe, one at a time."""
+@contextmanager
+def _processes(jobs: int) -> Iterator[tuple[Executor, int]]:
+    # Forking a process whose libraries have threads is not safe.
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"), _begin)
+    try:
+        yield pool, jobs
+    except BaseException:
+        for worker in active_children():
+            worker.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
 
-    def __init__(self, work: Callable[[Any], Any], limits: Limits | None) -> None:
-        self._limits, self.deadline, self.late = limits, math.inf, False
-        # Forking a process whose libraries have threads is not safe.
-        context = get_context("spawn")
-        self.pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, work, limits), daemon=True)
-        with interrupts.ignored():
-            self._process.start()
-        # Only the worker keeps that end open, so the pipe breaks when it dies.
-        theirs.close()
 
-    def send(self, task: Any) -> None:
-        if self._limits:
-            self.deadline = time.monotonic() + self._limits.seconds
-        # `answer` reports a worker that has died.
-        with suppress(BrokenPipeError):
-            self.pipe.send(task)
+def _begin() -> None:
+    """Prepare a worker: it uses its memory again, and ends when its parent is killed."""
+    memory.keep()
+    parent = parent_process()
+    assert parent is not None
 
-    def kill_if_late(self) -> None:
-        """Kill the worker if its task takes longer than the limit, which breaks the pipe."""
-        self.late = time.monotonic() >= self.deadline
-        if self.late:
-            self._process.kill()
+    def follow() -> None:
+        parent.join()
+        os._exit(1)
 
-    def answer(self) -> Any:
+    Thread(target=follow, daemon=True).start()
+
+
+@contextmanager
+def _blocked_signals() -> Iterator[None]:
+    """Start no process that Ctrl-C or a closed terminal would end with a traceback: the parent ends its workers."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError(missing("a Dask scheduler needs distributed", "dask")) from error
+    try:
+        client = Client(address, timeout=CONNECT)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:  # TypeError: TLS without certificates
+        raise InputError(f"no Dask scheduler answers at {address}: {_one_line(error)}") from error
+    with client:
+        pool = client.get_executor(pure=False)
         try:
-            return self.pipe.recv()
-        except (EOFError, ConnectionResetError):
-            self._process.join()
-            if self._limits and self.late:
-                return Failure(f"it took more than {self._limits.seconds:g} s, the time limit", died=True)
-            code = self._process.exitcode or 0
-            cause = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
-            return Failure(f"its process {cause} (out of memory, perhaps), {ATTEMPTS} times", died=True)
-
-    def interrupt(self) -> None:
-        """Ask the worker to leave its task; on Windows this ends the process."""
-        if self._process.is_alive() and self._process.pid is not None:
-            os.kill(self._process.pid, signal.SIGINT)
-        self.pipe.close()
-
-    def end(self) -> None:
-        self._process.join(PATIENCE)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
+            # Without workers the batch waits until one joins.
+            yield pool, max(1, sum(client.ncores().values()))
+        finally:
+            pool.shutdown(wait=False)
 
 
-def _serve(pipe: Connection, work: Callable[[Any], Any], limits: Limits | None) -> None:
-    """Do tasks until the pipe closes or an interrupt arrives during one; the next one gets the memory of the last."""
-    if limits:
-        _limit_memory(limits.memory)
-    # An idle worker has nothing to clean up. When the parent exits, Python ends its workers with SIGTERM, and waits for
-    # them: also for one that was started just before an interrupt.
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    # A closed pipe raises EOFError, and ConnectionError if the parent left an answer unread.
-    with memory.kept(), suppress(EOFError, ConnectionError, KeyboardInterrupt):
-        while True:
-            task = pipe.recv()
-            # The terminal and the parent both send one; the second must not stop the cleanup after the first.
-            for number in interrupts.ENDING:
-                signal.signal(number, interrupts.interrupt_once)
-            # No task comes before the answer to the last one, so the pipe is closed: the interrupt came too early.
-            if pipe.poll():
-                return
-            answer = _attempt(work, task)
-            for number in interrupts.ENDING:
-                signal.signal(number, signal.SIG_IGN)
-            pipe.send(answer)
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
-def _limit_memory(size: int) -> None:
-    with suppress(ImportError):  # Windows
-        import resource
-
-        _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        size = size if hard == resource.RLIM_INFINITY else min(size, hard)
-        resource.setrlimit(resource.RLIMIT_AS, (size, hard))
-        # A crash is expected, and its memory may be large.
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-
-
-def _attempt(work: Callable[[Any], Any], task: Any) -> Any:
+def attempt(work: Callable[[Task], Answer], task: Task) -> Answer | Failure:
+    """Return the answer to a task, or why it failed."""
     try:
         return work(task)
     except (RsdeblurError, OSError) as error:
@@ -268,46 +183,3 @@ def _attempt(work: Callable[[Any], Any], task: Any) -> Any:
 
 def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())
-
-
-def _on_cluster(
-    work: Callable[[Task], Answer],
-    tasks: Iterable[Task],
-    lost: Callable[[Task], None],
-    address: str,
-    announce: Callable[[str], None],
-) -> Iterator[tuple[Task, Answer | Failure]]:
-    try:
-        from distributed import Client, Future, as_completed
-    except ImportError as error:
-        raise InputError(missing("a Dask scheduler needs distributed", "dask")) from error
-    try:
-        client = Client(address, timeout=CONNECT)
-    except (OSError, ValueError, TypeError, RuntimeError) as error:  # TypeError: TLS without certificates
-        raise InputError(f"no Dask scheduler answers at {address}: {_one_line(error)}") from error
-    waiting, sent = iter(tasks), dict[Future, Task]()
-
-    def send(count: int) -> list[Future]:
-        new = {client.submit(_attempt, work, task, pure=False): task for task in islice(waiting, count)}
-        sent.update(new)
-        return list(new)
-
-    with client:
-        cores = client.ncores()
-        # Without workers the batch waits until one joins.
-        threads = sum(cores.values())
-        announce(f"{address}: {len(cores)} workers with {threads} threads; dashboard {client.dashboard_link}")
-        try:
-            done = as_completed(send(AHEAD * max(1, threads)))
-            for future in done:
-                task = sent.pop(future)
-                # `_attempt` catches what `work` raises, so a future fails only if its worker died several times.
-                died = future.status != "finished"
-                answer = Failure("its worker died, several times", died=True) if died else future.result()
-                if died:
-                    lost(task)
-                for more in send(1):
-                    done.add(more)
-                yield task, answer
-        finally:
-            client.cancel(list(sent))

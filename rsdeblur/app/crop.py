@@ -113,9 +113,9 @@ def derive_basis(pixels: NDArray[Any], log: GyroLog, camera: Camera, exposure: E
     """
     prepared = plan(log, camera, exposure, options).prepare(pixels)
     assert prepared.strengths is not None
-    assert prepared.grid is not None
-    upright, grid = prepared.capture.camera, prepared.grid
-    return Basis(prepared.strengths, (upright.height / len(grid.rows), upright.width / len(grid.cols)), grid.size)
+    assert prepared.bank is not None
+    upright, bank = prepared.capture.camera, prepared.bank
+    return Basis(prepared.strengths, (upright.height / len(bank.rows), upright.width / len(bank.cols)), bank.size)
 
 
 def solve_crop(

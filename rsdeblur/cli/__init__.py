@@ -5,20 +5,24 @@ Command modules import nothing heavier than click when they are loaded, so that 
 
 from __future__ import annotations
 
+import _thread
 import errno
+import os
 import re
 import signal
+import threading
+import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
+from types import FrameType
 from typing import Any, NoReturn
 
 import click
 
-from rsdeblur._util import interrupts
 from rsdeblur.cli._output import level, printable, say_aside, tolerant_output
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
@@ -43,6 +47,16 @@ COMMANDS = (
 )
 # Exit codes of processes that a signal ended, as shells report them, are this and the signal's number.
 SIGNALLED = 128
+# Time until an interrupt that came while a kernel was compiled is delivered again, s.
+RETRY = 0.02
+
+
+class Interrupt(KeyboardInterrupt):
+    """An interrupt by a signal, whose number is the argument.
+
+    Of its own class: where a KeyboardInterrupt itself passes code that C runs, Python ends with SIGINT even if it is
+    caught.
+    """
 
 
 class Commands(click.Group):
@@ -79,7 +93,7 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; exit with 1 for refused input and 128 plus the signal's number when interrupted."""
-        with interrupts.raised(), tolerant_output(), _one_line_warnings():
+        with ending_signals(), tolerant_output(), _one_line_warnings():
             try:
                 return super().invoke(ctx)
             except RsdeblurError as error:
@@ -115,7 +129,42 @@ def _signal_of(error: BaseException | None) -> int | None:
         error = error.__cause__ or error.__context__
     if error is None:
         return None
-    return error.number if isinstance(error, interrupts.Interrupt) else signal.SIGINT
+    return error.args[0] if error.args else signal.SIGINT
+
+
+@contextmanager
+def ending_signals() -> Iterator[None]:
+    """Let Ctrl-C, `kill` and a terminal that closes raise KeyboardInterrupt, unless the caller handles them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    # Windows has no SIGHUP.
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    usual = (signal.SIG_DFL, signal.default_int_handler)
+    before = {number: handler for number in numbers if (handler := signal.getsignal(number)) in usual}
+    try:
+        for number in before:
+            signal.signal(number, _interrupt)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    while frame is not None:
+        # An exception in these compilers leaves their locks locked, and threads that wait for them never end.
+        if str(frame.f_globals.get("__name__")).partition(".")[0] in ("numba", "llvmlite"):
+            # A Thread would take locks of its own, which may be the interrupted ones.
+            _thread.start_new_thread(_send_again, (number,))
+            return
+        frame = frame.f_back
+    raise Interrupt(number)
+
+
+def _send_again(number: int) -> None:
+    time.sleep(RETRY)
+    os.kill(os.getpid(), number)
 
 
 def _refuse(ctx: click.Context, message: str) -> NoReturn:

@@ -28,13 +28,10 @@ SECTIONS = {
     ),
     "Blur": ("mode", "bands", "strips", "motion", "softness", "geometry", "refine"),
     "Solver": (
-        *("quality", "prior", "weight", "exponent", "nsr", "nsr_from_iso", "noise", "solver", "chroma", "border"),
-        *("transfer", "normalize", "saturation", "fallback", "work_size"),
+        *("quality", "prior", "weight", "exponent", "nsr", "noise", "chroma", "border"),
+        *("transfer", "normalize", "saturation", "fallback"),
     ),
-    "Computing": (
-        *("planning", "threads", "max_memory", "jobs", "scheduler"),
-        *("isolate", "memory_limit", "time_limit"),
-    ),
+    "Computing": ("threads", "max_memory", "jobs", "scheduler"),
     "Output": (
         *(
             "output",
@@ -48,7 +45,6 @@ SECTIONS = {
             "report_paths",
             "codec",
             "crf",
-            "segment",
             "quiet",
             "verbose",
             "help",

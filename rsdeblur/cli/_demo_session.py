@@ -104,16 +104,16 @@ def _exif(exposure: Exposure) -> bytes:
     """Return the EXIF block of a camera app."""
     from PIL import Image
 
-    from rsdeblur.io import exif, exif_times
+    from rsdeblur.io import exif
 
     taken = datetime.fromtimestamp(exposure.epoch_ns * 1e-9 + LATE, UTC)
     block = Image.Exif()
     block[exif.MODEL] = "rsdeblur demo"
     block.get_ifd(exif.CAMERA_IFD).update(
         {
-            exif_times.DATE_TIME: f"{taken:%Y:%m:%d %H:%M:%S}",
-            exif_times.SUBSECONDS: f"{taken.microsecond // 1000:03}",
-            exif_times.OFFSET: "+00:00",
+            exif.DATE_TIME: f"{taken:%Y:%m:%d %H:%M:%S}",
+            exif.SUBSECONDS: f"{taken.microsecond // 1000:03}",
+            exif.OFFSET: "+00:00",
             exif.EXPOSURE_TIME: exposure.duration,
             exif.FOCAL_LENGTH_35: FOCAL35,
         }

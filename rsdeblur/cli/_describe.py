@@ -76,7 +76,7 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
 
 
 def _is_lens_profile(path: Path) -> bool:
-    from rsdeblur.io.lens_profiles import is_profile
+    from rsdeblur.io.gyroflow import is_profile
     from rsdeblur.io.source import Source
 
     return is_profile(Source(path, "lens profile").json)
@@ -208,7 +208,7 @@ def describe_captures(path: Path) -> dict[str, Any]:
 
 def _camera_of_captures(path: Path) -> dict[str, Any]:
     """Return what MARS logger's metadata contain about the camera, except the exposures."""
-    from rsdeblur.io.recorded_cameras import mars_facts
+    from rsdeblur.io.cameras import mars_facts
     from rsdeblur.io.source import Source
 
     with suppress(FileFormatError):
@@ -219,8 +219,7 @@ def _camera_of_captures(path: Path) -> dict[str, Any]:
 
 def describe_picture(path: Path) -> dict[str, Any]:
     """Return the properties of a picture, and of the gyro data in its file."""
-    from rsdeblur.io.exif import MAKE, MODEL, Exif
-    from rsdeblur.io.exif_times import shown_time
+    from rsdeblur.io.exif import MAKE, MODEL, Exif, shown_time
     from rsdeblur.io.gyro_binary import trailer_of
     from rsdeblur.io.pictures import read_picture
     from rsdeblur.io.source import Source

@@ -36,7 +36,7 @@ from rsdeblur.cli._inputs import (
     with_translation,
 )
 from rsdeblur.cli._items import WRITABLE
-from rsdeblur.cli._options import PhotoChanges, Recording, Track
+from rsdeblur.cli._options import Recording, Track
 from rsdeblur.cli._output import FAILURES, reason
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.cli._types import PATH
@@ -246,7 +246,6 @@ class Desk:
             photo=request.photo,
             recording=request.recording,
             options=request.options,
-            changes=PhotoChanges(),
             output=output,
             track=request.track,
         )

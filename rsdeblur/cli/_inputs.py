@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
     from rsdeblur.cli._options import Moments, Recording, Track
     from rsdeblur.estimate.time_offset import OffsetSearch
-    from rsdeblur.io.exif_times import CaptureTime
+    from rsdeblur.io.exif import CaptureTime
     from rsdeblur.io.pictures import Picture
     from rsdeblur.io.samples import Axes, GyroFile
     from rsdeblur.motion.camera import Camera
@@ -106,7 +106,7 @@ def with_offset(inputs: Inputs, photo: Path) -> Inputs:
         If it determines none.
     """
     from rsdeblur.estimate.time_offset import find_time_offset
-    from rsdeblur.io.exif_times import EXIF_ERROR
+    from rsdeblur.io.exif import EXIF_ERROR
 
     picture, log, camera, exposure = inputs
     with progress("time") as move, naming(photo):
@@ -169,7 +169,7 @@ def read_recording(
     log, camera = read_device(recording, known_axes=known_axes)
     refuse_longer(recording.duration, log.span[1] - log.span[0], recording.gyro)
     if recording.start == "exif":
-        from rsdeblur.io.exif_times import on_clock_of
+        from rsdeblur.io.exif import on_clock_of
 
         with naming(photo, recording):
             exposure = replace(exposure, epoch_ns=on_clock_of(_exif_time(photo), log))
@@ -374,8 +374,7 @@ def _exif_time(photo: Path | None) -> CaptureTime:
     """Return the time in the picture's EXIF block."""
     if photo is None:
         raise _usage("--start exif needs a photo")
-    from rsdeblur.io.exif import Exif
-    from rsdeblur.io.exif_times import capture_time
+    from rsdeblur.io.exif import Exif, capture_time
     from rsdeblur.io.pictures import read_header
 
     with naming(photo):

@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import naming, transfer_of
-from rsdeblur.cli._options import PhotoChanges, Recording, Target, Track
-from rsdeblur.cli._photo import facts_of, nsr_of_photo, prepare_result
-from rsdeblur.cli._signing import Signing
+from rsdeblur.cli._options import Recording, Target, Track
+from rsdeblur.cli._photo import facts_of, prepare_result
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options
@@ -22,8 +20,7 @@ if TYPE_CHECKING:
 # Options that describe a motion, or depend on one.
 MOTION = (
     *(field.name for kind in (Recording, Track) for field in fields(kind)),
-    *("mode", "bands", "strips", "motion", "softness", "refine", "solver", "chroma", "geometry", "fallback"),
-    *("work_size", "numbered_from"),
+    *("mode", "bands", "strips", "motion", "softness", "refine", "chroma", "geometry", "fallback", "numbered_from"),
 )
 
 
@@ -44,8 +41,6 @@ def deconvolve_photo(
     photo: Path,
     psf: Path,
     options: Options,
-    changes: PhotoChanges,
-    signing: Signing,
     target: Target,
     move: Progress | None = None,
     *,
@@ -59,25 +54,16 @@ def deconvolve_photo(
         If a file is refused or the result cannot be written.
     """
     from rsdeblur.cli._stopwatch import stopwatch
-    from rsdeblur.io.kernels import read_psfs
+    from rsdeblur.io.arrays import read_psfs
     from rsdeblur.io.picture_output import picture_to_fill
     from rsdeblur.io.pictures import read_picture
     from rsdeblur.pipeline.deconvolve import check_bank, deconvolve_with, mode_of
 
-    credentials = signing.credentials()
-    prepare_result(
-        target.output,
-        force=target.force,
-        dry_run=target.dry_run,
-        make_folder=make_folder,
-        signed=credentials is not None,
-    )
+    prepare_result(target.output, force=target.force, dry_run=target.dry_run, make_folder=make_folder)
     in_place = options.max_memory is not None
     picture = read_picture(photo, in_place=in_place)
     pixels, bank = picture.pixels, read_psfs(psf, picture.pixels.shape)
     options = replace(options, transfer=transfer_of(picture, options.transfer), check=False)
-    if changes.nsr_from_iso:
-        options = replace(options, nsr=nsr_of_photo(photo, picture, options))
     with naming(psf):
         check_bank(bank, pixels.shape)
     if target.dry_run:
@@ -89,7 +75,6 @@ def deconvolve_photo(
             "prior": options.prior_name,
             "size_px": [pixels.shape[1], pixels.shape[0]],
         }
-    picture = recorded(picture, photo, {"psf": psf}, options, {}, credentials)
     with (
         stopwatch() as watch,
         picture_to_fill(target.output, pixels.shape, like=picture, force=target.force, in_place=in_place) as out,

@@ -27,7 +27,6 @@ from rsdeblur.cli._types import (
     StartType,
     StrengthType,
     TransferType,
-    WorkSizeType,
 )
 from rsdeblur.cli._usage import options_of
 from rsdeblur.pipeline.options import Options
@@ -114,14 +113,6 @@ class PhotoTarget:
     def at(self, output: Path) -> Target:
         """Return the target of one photo."""
         return Target(output, self.force, self.as_json, self.dry_run)
-
-
-@dataclass(frozen=True, slots=True)
-class PhotoChanges:
-    """Changes to a photo, and to the options by its EXIF block, before it is deblurred."""
-
-    work_size: int | None = None
-    nsr_from_iso: bool = False
 
 
 def gathered(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
@@ -365,20 +356,17 @@ _SOLVE: dict[str, Decorator] = {
     "noise": _auto(
         "noise", StrengthType(), "Standard deviation of the noise in linear light, where white is 1; auto estimates it."
     ),
-    "solver": _choice(
-        "solver", choices.SOLVERS, "Solver of --mode rowwise: the faster one, banded Cholesky, or conjugate gradients."
-    ),
     "chroma": _choice(
         "chroma",
         ("auto", *choices.CHROMAS),
-        "Resolution of the colours: full, or half as in JPEG, in less time; auto is half for gradient, tv "
-        "and hyper-laplacian, and with --quality fast, except in --mode rowwise.",
+        "Resolution of the colours: full, or half as in JPEG, in less time; auto is half for tv and "
+        "hyper-laplacian, and with --quality fast, except in --mode rowwise.",
     ),
     "geometry": _choice("geometry", choices.GEOMETRIES, "Keep the rolling-shutter shape, or straighten it."),
     "border": _choice(
         "border",
         ("auto", *choices.BORDERS, *choices.BOUNDARIES),
-        "Picture beyond the frame: blend, periodic or an alternative; auto is unknown for --psf, otherwise blend.",
+        "Picture beyond the frame: blended, periodic or unknown; auto is unknown for --psf, otherwise blend.",
     ),
     "transfer": transfer_option,
     "normalize": click.option(
@@ -389,11 +377,6 @@ _SOLVE: dict[str, Decorator] = {
         choices.SATURATIONS,
         "Solve without clipped highlights and add them afterwards, which leaves fewer streaks: always, or (auto) by "
         "night and where small ones cover at most 0.5% of the picture, except with --quality fast and --max-memory.",
-    ),
-    "planning": _choice(
-        "planning",
-        choices.PLANNINGS,
-        "Plan transforms at once, or measure for some seconds and keep the plans for later runs.",
     ),
     "threads": click.option(
         "--threads", type=click.IntRange(min=1), metavar="N", help="Number of threads.  [default: all cores]"
@@ -414,10 +397,10 @@ _SOLVE: dict[str, Decorator] = {
 }
 BLUR = ("mode", "bands", "strips", "motion", "softness")
 SOLVER = (
-    *("quality", "prior", "weight", "exponent", "nsr", "noise", "solver", "chroma"),
+    *("quality", "prior", "weight", "exponent", "nsr", "noise", "chroma"),
     *("geometry", "border", "transfer"),
 )
-ENGINE = ("planning", "threads")
+ENGINE = ("threads",)
 ONE_PICTURE = ("normalize", "saturation")
 ONE_PHOTO = (*BLUR, *SOLVER, *ONE_PICTURE, *ENGINE)
 ONE_RESULT = ("max_memory", "fallback")
@@ -428,16 +411,6 @@ def solve_options(*names: str) -> Decorator:
     return _gathered("options", options_of, names, [_SOLVE[name] for name in names])
 
 
-work_size_option = click.option(
-    "--work-size",
-    type=WorkSizeType(),
-    metavar="paper|full|N",
-    help="Reduce the picture first, to this longer side in px; paper means 2048.  [default: full]",
-)
-nsr_from_iso_option = click.option(
-    "--nsr-from-iso", is_flag=True, help="Derive --nsr from the picture's EXIF sensitivity: 0.01 at ISO 100."
-)
-photo_options = gathered("changes", PhotoChanges, (work_size_option, nsr_from_iso_option))
 force_option = click.option("--force", is_flag=True, help="Replace files that exist.")
 dry_run_option = click.option("--dry-run", is_flag=True, help="Read and check all inputs, and write nothing.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

@@ -6,25 +6,16 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import click
-
 from rsdeblur.cli._gravity import bottom_of_photo, gravity_confirms, gravity_problem
-from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
-from rsdeblur.cli._options import PhotoChanges, Recording, Track
+from rsdeblur.cli._options import Recording, Track
 from rsdeblur.cli._output import prepare_folder, say_detail
 from rsdeblur.cli._refinement import refinement_facts
-from rsdeblur.cli._signing import Signing
-from rsdeblur.cli._usage import warn_of_nsr
-from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rsdeblur.choices import Mode
-    from rsdeblur.io.claims import Credentials
-    from rsdeblur.io.pictures import Picture
-    from rsdeblur.motion.exposure import Exposure
     from rsdeblur.pipeline.options import Options
     from rsdeblur.pipeline.plan import DeblurResult
     from rsdeblur.types import Progress
@@ -40,17 +31,15 @@ class PhotoJob:
     photo: Path
     recording: Recording
     options: Options
-    changes: PhotoChanges
     output: Path
     track: Track = field(default_factory=Track)
-    signing: Signing = field(default_factory=Signing)
     force: bool = False
     dry_run: bool = False
     make_folder: bool = False
     refine_anyway: bool = False
 
 
-def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: bool, signed: bool) -> None:
+def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: bool) -> None:
     """Check that a result can be written, and make its folder if `make_folder`; a dry run makes none.
 
     Raises
@@ -63,9 +52,9 @@ def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: boo
     if make_folder:
         prepare_folder(output.parent, [], force=force, dry_run=dry_run)
     if dry_run and make_folder and not output.parent.is_dir():
-        check_kind(output, signed=signed)
+        check_kind(output)
     else:
-        check_writable(output, force=force, signed=signed)
+        check_writable(output, force=force)
 
 
 class Derived(NamedTuple):
@@ -135,14 +124,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     """
     from rsdeblur.io.picture_output import picture_to_fill
 
-    credentials = job.signing.credentials()
-    prepare_result(
-        job.output,
-        force=job.force,
-        dry_run=job.dry_run,
-        make_folder=job.make_folder,
-        signed=credentials is not None,
-    )
+    prepare_result(job.output, force=job.force, dry_run=job.dry_run, make_folder=job.make_folder)
     in_place = job.options.max_memory is not None
     inputs, options, known_axes = derive(
         job.photo, job.recording, job.options, job.track, refine_anyway=job.refine_anyway
@@ -152,44 +134,19 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     picture, log, camera, exposure = inputs
 
     from rsdeblur.cli._stopwatch import stopwatch
-    from rsdeblur.image.encoded import reduced
     from rsdeblur.pipeline.plan import plan_for
 
-    if job.changes.nsr_from_iso:
-        options = replace(options, nsr=nsr_of_photo(job.photo, picture, options))
-    picture = _recorded(job, picture, exposure, options, credentials)
     pixels = picture.pixels
-    with stopwatch() as watch:
-        if job.changes.work_size is not None:
-            with naming(job.photo, job.recording):
-                pixels, camera = reduced(pixels, camera, job.changes.work_size)
-        # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
-        with (
-            picture_to_fill(job.output, pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
-            naming(job.photo, job.recording),
-        ):
-            planned = plan_for(pixels, log, camera, exposure, options, known_axes=known_axes, progress=move)
-            result = planned.apply(pixels, out=out, progress=move)
+    # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
+    with (
+        stopwatch() as watch,
+        picture_to_fill(job.output, pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
+        naming(job.photo, job.recording),
+    ):
+        planned = plan_for(pixels, log, camera, exposure, options, known_axes=known_axes, progress=move)
+        result = planned.apply(pixels, out=out, progress=move)
     facts = facts_of(result, job.output, job.options.mode_in_effect, job.options.prior_name, watch.seconds)
     return facts | moment_facts(job.recording, inputs)
-
-
-def _recorded(
-    job: PhotoJob, picture: Picture, exposure: Exposure, options: Options, credentials: Credentials | None
-) -> Picture:
-    """Return the picture with all that its result depends on in its history."""
-    track = job.track
-    mapped = track.depth if isinstance(track.depth, Path) else None
-    named: dict[str, Path | None] = {"translation": track.translation, "depth_map": mapped}
-    named |= {name: getattr(job.recording, name) for name in ("gyro", "camera", "capture")}
-    values = {name: value for name, value in asdict(job.recording).items() if name not in named}
-    values |= {
-        "exposure": asdict(exposure),
-        "work_size": job.changes.work_size,
-        "depth": None if mapped else track.depth,
-        "drift": track.drift,
-    }
-    return recorded(picture, job.photo, named, options, values, credentials)
 
 
 def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: str, seconds: float) -> dict[str, Any]:
@@ -221,16 +178,12 @@ def result_facts(result: DeblurResult, output: Path) -> dict[str, Any]:
 
 def _dry_run(job: PhotoJob, inputs: Inputs, options: Options) -> dict[str, Any]:
     """Check as much as possible without solving, and return the facts known by then."""
-    from rsdeblur.image.encoded import check_size, reduced
+    from rsdeblur.image.encoded import check_size
     from rsdeblur.pipeline.deblur import psfs
 
     picture, log, camera, exposure = inputs
     with naming(job.photo, job.recording):
         check_size(picture.pixels.shape, camera)
-        if job.changes.nsr_from_iso:
-            nsr_of_photo(job.photo, picture, options)
-        if job.changes.work_size is not None:
-            camera = reduced(picture.pixels, camera, job.changes.work_size)[1]
         bank = psfs(
             *(log, camera, exposure),
             mode=options.mode_in_effect,
@@ -248,17 +201,3 @@ def _dry_run(job: PhotoJob, inputs: Inputs, options: Options) -> dict[str, Any]:
         "prior": options.prior_name,
         "size_px": [camera.width, camera.height],
     }
-
-
-def nsr_of_photo(photo: Path, picture: Picture, options: Options) -> float:
-    """Return the NSR that the picture's EXIF sensitivity suggests; the options must not contain another one."""
-    from rsdeblur.estimate.strength import nsr_of_iso
-    from rsdeblur.io.exif import Exif
-
-    if options.nsr != "auto":
-        raise click.UsageError("--nsr and --nsr-from-iso exclude each other")
-    warn_of_nsr("--nsr-from-iso", options)
-    iso = Exif(picture.exif).iso
-    if iso is None:
-        raise InputError(f"{photo}: the picture's EXIF block has no ISO sensitivity; use --nsr instead")
-    return nsr_of_iso(iso)

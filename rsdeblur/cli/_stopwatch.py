@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from numba.core.event import Event, TimingListener, install_listener
 
@@ -16,7 +17,8 @@ class Stopwatch(TimingListener):
     """Measurement of a block; see `stopwatch`. `seconds` is known after it."""
 
     def __init__(self, *, announces: bool) -> None:
-        super().__init__()
+        parent: Any = super()  # Numba has no types
+        parent.__init__()
         self.seconds = 0.0
         self._announces = announces
 
@@ -25,7 +27,8 @@ class Stopwatch(TimingListener):
         if self._announces:
             say_aside("compiling, once after the installation; the printed time is without it")
             self._announces = False
-        super().on_start(event)
+        parent: Any = super()
+        parent.on_start(event)
 
 
 @contextmanager

@@ -15,9 +15,6 @@ from rsdeblur.choices import Auto, Count, Strength, Transfer
 Start = float | Literal["exif"]
 Bias = tuple[float, float, float]
 
-# Sindelar and Sroubek (2013) reduce 3264x2448 to 2048x1536.
-PAPER_SIDE = 2048
-
 
 class NonEmptyPath(click.Path):
     """A path; an empty one, as of a shell variable that is not set, would mean the current folder."""
@@ -169,18 +166,6 @@ class TransferType(click.ParamType[Any]):
             if value == name:
                 return name
         return float(POSITIVE.convert(value, param, ctx))
-
-
-class WorkSizeType(click.ParamType[Any]):
-    """Longer side of the reduced picture: `paper` (2048), `full` or a number of px."""
-
-    name = "paper|full|N"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | None:
-        """Return the number, or None for the full size."""
-        if value in (None, "full"):
-            return None
-        return PAPER_SIDE if value == "paper" else int(click.IntRange(min=16).convert(value, param, ctx))
 
 
 class SizeType(click.ParamType[tuple[int, int]]):

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 # Options that have no effect with a mode.
 UNUSED: dict[Mode, tuple[str, ...]] = {
-    "global": ("bands", "strips", "solver"),
-    "banded": ("solver",),
+    "global": ("bands", "strips"),
+    "banded": (),
     "rowwise": ("bands",),
 }
 
@@ -34,7 +34,7 @@ def options_of(**values: Any) -> Options:
     if "mode" in values:
         refuse_unused(options, [options.mode_in_effect])
     if "prior" in values and options.nsr != "auto":
-        warn_of_nsr("--nsr", options)
+        _warn_of_nsr(options)
     return options
 
 
@@ -55,18 +55,18 @@ def _flag(name: str) -> str:
 
 def refuse_unused(options: Options, modes: Sequence[Mode]) -> None:
     """Raise `click.UsageError` if an option is set that none of the modes uses."""
-    for name in ("bands", "strips", "solver"):
+    for name in ("bands", "strips"):
         if getattr(options, name) != "auto" and all(name in UNUSED[mode] for mode in modes):
             used = " or ".join(f"--mode {mode}" for mode, unused in UNUSED.items() if name not in unused)
             raise click.UsageError(f"{_flag(name)} has no effect with --mode {' and '.join(modes)}; use {used}")
 
 
-def warn_of_nsr(name: str, options: Options) -> None:
-    """Warn if the noise-to-signal ratio, set by the option `name`, is not the strength of the prior."""
+def _warn_of_nsr(options: Options) -> None:
+    """Warn if the noise-to-signal ratio, which is set, is not the strength of the prior."""
     if options.prior_in_effect != "wiener":
         prior = options.prior_name
         warnings.warn(
-            f"{name} is the strength of --prior wiener; with {prior} it only smooths: set --weight instead",
+            f"--nsr is the strength of --prior wiener; with {prior} it only smooths: set --weight instead",
             RsdeblurWarning,
             stacklevel=2,
         )

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from rsdeblur._util import interrupts
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._options import Recording
@@ -55,7 +54,7 @@ def command(photos: tuple[Path, ...], recording: Recording, port: int, no_browse
             server.serve_forever()
         except KeyboardInterrupt as interrupt:
             # Ctrl-C is the usual way to end the app; other signals are reported as for every command.
-            if isinstance(interrupt, interrupts.Interrupt) and interrupt.number != signal.SIGINT:
+            if interrupt.args[:1] not in ((), (signal.SIGINT,)):
                 raise
 
 

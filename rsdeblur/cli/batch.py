@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
+import json
 import time
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, nullcontext, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from rsdeblur.choices import RECORDS, SHARP
+from rsdeblur._util.files import read_file
+from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.cli import _options, _refinement
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._items import COLUMNS, FILES, Item, numbered_from_option, read_items
 from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
-from rsdeblur.cli._options import Defaults, PhotoChanges, Target
+from rsdeblur.cli._options import Defaults, Target
 from rsdeblur.cli._output import (
     SOME_FAILED,
     check_page,
@@ -35,16 +38,13 @@ from rsdeblur.cli._output import (
     write_json,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
-from rsdeblur.cli._signing import Signing, signing_options
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 
 if TYPE_CHECKING:
-    from rsdeblur._util.records import Records
-    from rsdeblur._util.workers import Limits
     from rsdeblur.pipeline.options import Options
 
-TABLE, REPORT = "batch.csv", "batch.json"
+TABLE = "batch.csv"
 # Rows of a table that fits a screen.
 MOST_ROWS = 40
 
@@ -56,8 +56,8 @@ MANIFEST is a CSV file with a line for each photo. Its first line names the colu
 {", ".join(name for name in COLUMNS if name != "photo")}. They mean what the options of `deblur` mean; empty cells take
 the options given here. FOLDER is a session of MARS logger or OpenCamera Sensors that contains photos or frames.
 
-A second run skips the photos that are done. The command writes batch.csv and batch.json beside the photos. Exit code
-3: some photos failed.
+A second run skips the photos that are done, which batch.json lists. The command writes batch.csv and batch.json beside
+the photos. Exit code 3: some photos failed.
 """
 EXAMPLES = """\b
 Examples:
@@ -84,8 +84,6 @@ def _only(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -
 @numbered_from_option
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_refinement.option
-@_options.photo_options
-@signing_options
 @workers_options
 @_options.target_options(
     "DIR",
@@ -101,120 +99,142 @@ def command(
     numbered_from: int | None,
     options: Options,
     refine: bool | None,
-    changes: PhotoChanges,
-    signing: Signing,
     workers: Workers,
     target: Target,
     report: Path | None,
 ) -> None:
     """Deblur the photos of a manifest or of a session folder."""
-    from rsdeblur._util.records import Records
-
-    begin = time.perf_counter()
     options = _refinement.with_refinement(options, refine)
     items = read_items(source, defaults, target.output, numbered_from=numbered_from)
     if not items:
         raise InputError(f"{source}: there is nothing to do, because no photo is listed")
-    signing.credentials()
     if report is not None:
         check_page(report, force=target.force)
     jobs, threads = shared_threads(workers.jobs, options.threads, alone=workers.scheduler is None)
-    limits = workers.limits(jobs)
-    records = Records(target.output / RECORDS)
-    is_own = target.force or records.folder.is_dir()
-    prepare_folder(target.output, [TABLE, REPORT], force=is_own, dry_run=target.dry_run)
-    with nullcontext() if target.dry_run else records.held():
-        batch = _Batch(target, replace(options, threads=threads), changes, signing, records, refine_anyway=bool(refine))
-        entries = batch.run(items, jobs, workers.scheduler, limits)
-        counts = Counter(entry["state"] for entry in entries)
-        verdicts = Counter(entry["check"]["verdict"] for entry in entries if entry.get("check"))
-        summary: dict[str, Any] = {"items": entries, "counts": dict(counts), "verdicts": dict(verdicts)}
-        summary["seconds"] = time.perf_counter() - begin
-        if not target.dry_run:
-            if counts["failed"] == len(entries) and any(Path(entry.get("output", "")).is_file() for entry in entries):
-                say_aside(f"{TABLE} and {REPORT}: left as they are, because earlier results stand and none is new")
-            else:
-                _write_table(target.output / TABLE, entries)
-                write_json(target.output / REPORT, summary)
-            if report is not None:
-                from rsdeblur.report import write_batch_page
+    earlier = _earlier(target.output / BATCH)
+    prepare_folder(target.output, [TABLE, BATCH], force=target.force or bool(earlier), dry_run=target.dry_run)
+    options = replace(options, threads=threads)
+    batch = _Batch(target, options, earlier, refine_anyway=bool(refine))
+    batch.run(items, jobs, workers.scheduler)
+    summary = batch.summary()
+    if report is not None and not target.dry_run:
+        from rsdeblur.report import write_batch_page
 
-                write_batch_page(report, entries, title=source.name)
+        write_batch_page(report, batch.entries, title=source.name)
     if target.as_json:
         print_json(summary)
     else:
         _print(summary, target)
-    for entry in entries:
+    for entry in batch.entries:
         if "error" in entry:
             say_aside(f"error: {entry['error']}")
-    if counts["failed"]:
+    if summary["counts"].get("failed"):
         click.get_current_context().exit(SOME_FAILED)
 
 
+def _earlier(path: Path) -> dict[str, Any]:
+    """Return what an earlier run wrote to ``batch.json``; empty if there is none, or it is another program's."""
+    try:
+        found: dict[str, Any] = json.loads(read_file(path, "list of results"))
+        return found if found.pop("digest") == _digest(found) else {}
+    except (ValueError, RecursionError, AttributeError, KeyError, TypeError):
+        return {}
+
+
 class _Batch:
-    """A batch in progress."""
+    """A batch in progress.
+
+    Attributes
+    ----------
+    entries : list of dict
+        What is known about each item; those that are finished have a state.
+    """
 
     def __init__(
         self,
         target: Target,
         options: Options,
-        changes: PhotoChanges,
-        signing: Signing,
-        records: Records,
+        earlier: dict[str, Any],
         *,
         refine_anyway: bool,
     ) -> None:
-        self._target, self._options, self._changes, self._records = target, options, changes, records
-        self._signing, self._refine_anyway = signing, refine_anyway
-        self._under_way: dict[int, PhotoJob] = {}
-        self._is_remote = False
+        self._target, self._options = target, options
+        self._refine_anyway, self._begin = refine_anyway, time.perf_counter()
+        # Recipe of the result that each name has or gets, and the earlier entries of results.
+        self._recipes: dict[str, str] = dict(earlier.get("recipes", {}))
+        self._earlier: list[Any] = earlier.get("items", [])
+        self.entries: list[dict[str, Any]] = []
         # Folders that do not exist before their items start.
         self._new_folders: set[Path] = set()
 
-    def run(self, items: list[Item], jobs: int, scheduler: str | None, limits: Limits | None) -> list[dict[str, Any]]:
-        """Deblur the photos that are not done yet, and return an entry for each item."""
+    def run(self, items: list[Item], jobs: int, scheduler: str | None) -> None:
+        """Deblur the photos that are not done yet."""
         from rsdeblur._util.workers import Failure, run
 
-        self._is_remote = scheduler is not None
-        entries: list[dict[str, Any]] = [self._entry(item) for item in items]
-        tasks = self._tasks(items, entries)
-        answers = run(work, tasks, jobs=jobs, scheduler=scheduler, lost=_tidy, announce=say_aside, limits=limits)
-        with progress("batch") as move, closing(answers) as done:
-            try:
-                for (i, job), answer in done:
-                    del self._under_way[i]
-                    with _as_row(entries[i]):
+        self.entries = [{"photo": str(item.photo)} for item in items]
+        tasks = dict(self._tasks(items))
+        if tasks:
+            # From now on a result with this name is of this recipe: it is written as a whole, or not at all.
+            self._write({"items": self._earlier})
+        here = tasks if scheduler is None else {i: _absolute(job) for i, job in tasks.items()}
+        answers = run(work, here.items(), jobs=jobs, scheduler=scheduler, lost=_tidy)
+        try:
+            with progress("batch") as move, closing(answers) as done:
+                for (i, _), answer in done:
+                    with _as_row(self.entries[i]):
                         if isinstance(answer, Failure):
                             raise InputError(answer.message)
-                        self._finish(items[i], job, entries[i], answer)
+                        self._finish(tasks[i], items[i], self.entries[i], answer)
                     if move is not None:
-                        finished, failed = (sum(key in entry for entry in entries) for key in ("state", "error"))
+                        finished, failed = (sum(key in entry for entry in self.entries) for key in ("state", "error"))
                         move(f"{finished} of {len(items)}, {failed} failed", finished / len(items))
-            finally:
-                # The workers end first, because those that are killed leave unfinished files.
-                done.close()
-                for i, job in self._under_way.items():
-                    _tidy((i, job))
-                self._remove_empty_folders()
-        return entries
+        finally:
+            self._remove_empty_folders()
+            if self._earlier and all(entry.get("state") == "failed" for entry in self.entries):
+                say_aside(f"{TABLE} and {BATCH}: left as they are, because earlier results stand and none is new")
+            else:
+                self._write(self.summary())
 
-    def _entry(self, item: Item) -> dict[str, Any]:
-        """Return the entry of an item before the work; it has a state if the item needs no work."""
-        entry: dict[str, Any] = {"photo": str(item.photo)}
-        with _as_row(entry):
-            if item.error is not None:
-                raise InputError(item.error)
-            job = self._job(item)
-            entry["output"] = str(job.output)
-            record = None if self._target.force else self._records.facts(str(item.output), _fingerprint(job))
-            size = job.output.stat().st_size if record is not None and job.output.is_file() else 0
-            # Nothing of value is in an empty file; another size may be the user's work.
-            if record is not None and size:
-                entry |= {"state": "skipped"} | record["entry"]
-                if size != record["bytes"]:
-                    message = f"{job.output}: the file has changed since it was written; it is left as it is"
-                    warnings.warn(message, RsdeblurWarning, stacklevel=2)
-        return entry
+    def summary(self) -> dict[str, Any]:
+        """Return the finished entries, how many there are of each state and verdict, and the time in s."""
+        finished = [entry for entry in self.entries if "state" in entry]
+        verdicts = Counter(entry["check"]["verdict"] for entry in finished if entry.get("check"))
+        counts = Counter(entry["state"] for entry in finished)
+        seconds = time.perf_counter() - self._begin
+        return {"items": finished, "counts": dict(counts), "verdicts": dict(verdicts), "seconds": seconds}
+
+    def _write(self, summary: dict[str, Any]) -> None:
+        if self._target.dry_run:
+            return
+        content = summary | {"recipes": self._recipes}
+        write_json(self._target.output / BATCH, content | {"digest": _digest(content)})
+        _write_table(self._target.output / TABLE, summary["items"])
+
+    def _tasks(self, items: list[Item]) -> Iterator[tuple[int, PhotoJob]]:
+        """Yield the jobs to do by the items' numbers; the other items get their states."""
+        known = {entry["recipe"]: entry for entry in self._earlier if "check" in entry}
+        for i, (item, entry) in enumerate(zip(items, self.entries, strict=True)):
+            with _as_row(entry):
+                if item.error is not None:
+                    raise InputError(item.error)
+                job, name = self._job(item), str(item.output)
+                recipe, exists = _recipe(job, name), job.output.exists()
+                if exists and not job.force and self._recipes.get(name) == recipe:
+                    entry |= known.get(recipe, {}) | entry | {"state": "skipped", "output": str(job.output)}
+                    continue
+                if exists and not job.force and name in self._recipes:
+                    raise OutputError(
+                        f"{job.output}: the file exists; use force (--force) to replace it, or another folder: it was "
+                        "made with other options or from other files, or these have another date"
+                    )
+                if not exists:
+                    self._recipes[name] = recipe
+                elif job.force:
+                    # Until it is replaced, the file is of another recipe.
+                    self._recipes.pop(name, None)
+                self._new_folders.update(folder for folder in job.output.parents if not folder.exists())
+                entry |= {"output": str(job.output), "recipe": recipe}
+                yield i, job
 
     def _job(self, item: Item) -> PhotoJob:
         assert item.recording is not None
@@ -226,37 +246,8 @@ class _Batch:
             dry_run=self._target.dry_run,
             make_folder=True,
             options=self._options,
-            changes=self._changes,
-            signing=self._signing,
             refine_anyway=self._refine_anyway,
         )
-
-    def _tasks(self, items: list[Item], entries: list[dict[str, Any]]) -> Iterator[tuple[int, PhotoJob]]:
-        """Yield the jobs to do, and record that this batch writes their outputs."""
-        for i, item in enumerate(items):
-            if "state" in entries[i]:
-                continue
-            with _as_row(entries[i]):
-                job = self._claimed(item)
-                self._under_way[i] = job
-                self._new_folders.update(folder for folder in job.output.parents if not folder.exists())
-            if i in self._under_way:
-                yield i, _absolute(job) if self._is_remote else job
-
-    def _claimed(self, item: Item) -> PhotoJob:
-        """Return the job of an item, and record that this batch writes its output."""
-        job, name = self._job(item), str(item.output)
-        fingerprint = _fingerprint(job)
-        # A file that an interrupted run of this batch left under this name may be replaced.
-        job = replace(job, force=self._target.force or self._records.claimed(name, fingerprint))
-        if job.output.exists() and not job.force and self._records.known(name):
-            raise OutputError(
-                f"{job.output}: the file exists; use force (--force) to replace it, or another folder: it was made "
-                "with other options or from other files, or these have another date"
-            )
-        if not self._target.dry_run and (job.force or not job.output.exists()):
-            self._records.claim(name, fingerprint)
-        return job
 
     def _remove_empty_folders(self) -> None:
         """Remove the folders of items that all failed; a worker cannot, as another may be about to write there."""
@@ -264,15 +255,12 @@ class _Batch:
             with suppress(OSError):
                 folder.rmdir()
 
-    def _finish(self, item: Item, job: PhotoJob, entry: dict[str, Any], facts: dict[str, Any]) -> None:
-        facts["output"] = str(job.output)
+    def _finish(self, job: PhotoJob, item: Item, entry: dict[str, Any], facts: dict[str, Any]) -> None:
         for message in facts.pop("warnings"):
             named = message if str(job.photo) in message else f"{job.photo}: {message}"
             warnings.warn(named, RsdeblurWarning, stacklevel=2)
-        entry |= {"state": "checked" if self._target.dry_run else "done"} | facts
-        if not self._target.dry_run:
-            record = {"entry": facts, "bytes": job.output.stat().st_size}
-            self._records.finish(str(item.output), _fingerprint(job), record)
+        entry |= facts | {"state": "checked" if self._target.dry_run else "done", "output": str(job.output)}
+        self._recipes[str(item.output)] = entry["recipe"]
 
 
 @contextmanager
@@ -304,13 +292,11 @@ def _absolute(job: PhotoJob) -> PhotoJob:
     """Return the job with absolute paths, for workers that run in another folder."""
     files = {name: path.absolute() for name in FILES if (path := getattr(job.recording, name)) is not None}
     recording = replace(job.recording, **files)
-    names = "sign", "sign_key"
-    keys = {name: path.absolute() for name in names if (path := getattr(job.signing, name)) is not None}
-    job = replace(job, signing=replace(job.signing, **keys))
     return replace(job, photo=job.photo.absolute(), output=job.output.absolute(), recording=recording)
 
 
 def _tidy(task: tuple[int, PhotoJob]) -> None:
+    """Remove what a worker that was killed has left."""
     from rsdeblur._util.atomic import remove_unfinished
 
     # Its row has the error of an output that no file can be.
@@ -318,15 +304,30 @@ def _tidy(task: tuple[int, PhotoJob]) -> None:
         remove_unfinished(task[1].output)
 
 
-def _fingerprint(job: PhotoJob) -> str:
-    from rsdeblur._util.records import fingerprint
+def _digest(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
+
+def _recipe(job: PhotoJob, name: str) -> str:
+    """Return a text that changes with all that the result depends on: its settings and its files.
+
+    Files are compared by name, size and date, so that a folder may be moved.
+    """
     # Any number of threads gives the same bits.
-    settings = [replace(job.options, threads=None), job.changes, job.refine_anyway]
-    recording = {name: value for name, value in asdict(job.recording).items() if name not in FILES}
-    signer = () if job.signing.sign is None else (job.signing.sign,)
-    files = [job.photo, *(getattr(job.recording, name) for name in FILES), *signer]
-    return fingerprint([*settings, recording], files)
+    settings = [name, replace(job.options, threads=None), job.refine_anyway]
+    settings += [value for key, value in asdict(job.recording).items() if key not in FILES]
+    files = [job.photo, *(getattr(job.recording, key) for key in FILES)]
+    return hashlib.sha256(repr((settings, [_state(path) for path in files])).encode()).hexdigest()
+
+
+def _state(path: Path | None) -> tuple[str, int, int] | None:
+    if path is None:
+        return None
+    try:
+        status = path.stat()
+    except (OSError, ValueError):  # ValueError: a name that no file can have
+        return path.name, 0, 0
+    return path.name, status.st_size, status.st_mtime_ns
 
 
 def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:

@@ -14,7 +14,7 @@ from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import recordings_of
 from rsdeblur.cli._items import numbered_from_option, one_name, result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
-from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Track
+from rsdeblur.cli._options import PhotoTarget, Recording, Track
 from rsdeblur.cli._output import (
     FAILURES,
     SOME_FAILED,
@@ -26,7 +26,6 @@ from rsdeblur.cli._output import (
     say_aside,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo, moment_lines
-from rsdeblur.cli._signing import Signing, signing_options
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import OutputError
 
@@ -51,8 +50,6 @@ Examples:
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_refinement.option
 @_options.track_options
-@_options.photo_options
-@signing_options
 @_options.photo_target_options
 def command(
     photos: tuple[Path, ...],
@@ -62,8 +59,6 @@ def command(
     options: Options,
     refine: bool | None,
     track: Track,
-    changes: PhotoChanges,
-    signing: Signing,
     target: PhotoTarget,
 ) -> None:
     """Deblur each PHOTO. Metadata, colour profile and bit depth are kept.
@@ -75,7 +70,6 @@ def command(
     check_sources(click.get_current_context(), recording, psf)
     if psf is None:
         options = _refinement.with_refinement(options, refine)
-    signing.credentials()  # Before the work, a mistake in them is an error once, not for every photo.
     make_folder = _is_folder(target.output, len(photos))
     outputs = _outputs(photos, target.output, into_folder=make_folder)
     recordings = [recording] if psf is not None else recordings_of(photos, recording, numbered_from)
@@ -84,15 +78,13 @@ def command(
         with progress("deblur") as move:
             if psf is not None:
                 to = target.at(outputs[i])
-                return deconvolve_photo(photos[i], psf, options, changes, signing, to, move, make_folder=make_folder)
+                return deconvolve_photo(photos[i], psf, options, to, move, make_folder=make_folder)
             job = PhotoJob(
                 photo=photos[i],
                 recording=recordings[i],
                 options=options,
-                changes=changes,
                 output=outputs[i],
                 track=track,
-                signing=signing,
                 force=target.force,
                 dry_run=target.dry_run,
                 make_folder=make_folder,

@@ -54,7 +54,7 @@ def command(
 ) -> None:
     """Compute the blur kernels of an exposure; needs no picture.
 
-    `deblur` undoes the same kernels. The automatic number of bands depends on --nsr; auto means 0.01 here.
+    `deblur` undoes the same kernels. The automatic numbers of tiles depend on --nsr; auto means 0.01 here.
     """
     from rsdeblur._util.atomic import check_target
     from rsdeblur.io.picture_output import check_writable, write_picture

@@ -60,7 +60,7 @@ def command(
     """
     from rsdeblur.estimate.time_offset import find_time_offset
     from rsdeblur.io.cameras import check_editable, write_time_offset
-    from rsdeblur.io.exif_times import EXIF_ERROR
+    from rsdeblur.io.exif import EXIF_ERROR
 
     from_exif = recording.start == "exif"
     if from_exif and len(photos) > 1:

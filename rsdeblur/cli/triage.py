@@ -35,7 +35,7 @@ EXAMPLES = """\b
 Examples:
   rsdeblur triage mars_session/ --camera phone.toml -o triage
   rsdeblur triage frames/ --gyro gyro.csv --capture frames.csv --camera phone.toml --json
-  rsdeblur triage clip.mp4 --gyro clip.mp4 --camera gopro.toml --duration 1/60 --keep 2 --drop 20 -o triage
+  rsdeblur triage clip.mp4 --gyro clip.mp4 --camera gopro.toml --duration 1/60 --keep 2 --drop 50 -o triage
 """
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from rsdeblur.choices import CRF, KEEP, SEGMENT
+from rsdeblur.choices import CRF, KEEP
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, naming, read_device, warn_of_clip_gravity
 from rsdeblur.cli._jobs import jobs_option, shared_threads
 from rsdeblur.cli._options import Recording, Target
-from rsdeblur.cli._output import print_json, progress, say, say_aside
+from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.cli._refinement import correction_text, refinement_facts
 from rsdeblur.cli._types import PATH, NumberType
 from rsdeblur.errors import RsdeblurWarning
@@ -27,8 +26,8 @@ from rsdeblur.video import QUALITY
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options
+    from rsdeblur.video.encode import Encoding
     from rsdeblur.video.plan import ClipPlan
-    from rsdeblur.video.segments import Encoding
 
 EXAMPLES = """\b
 Examples:
@@ -44,7 +43,6 @@ class Encode:
 
     codec: str | None
     crf: int
-    segment: int
 
 
 @click.command("video", cls=Command, epilog=EXAMPLES, context_settings={"default_map": {"quality": QUALITY}})
@@ -63,13 +61,6 @@ class Encode:
             show_default=True,
             help="Quality of the encoding: a lower value is better, and makes a larger file.",
         ),
-        click.option(
-            "--segment",
-            type=click.IntRange(min=1),
-            default=SEGMENT,
-            show_default=True,
-            help="Number of frames that are encoded together.",
-        ),
     ),
 )
 @click.option(
@@ -81,7 +72,7 @@ class Encode:
     help="Deblur only frames in which a point draws a longer path than this.",
 )
 @click.option("--all", "is_all", is_flag=True, help="Deblur all frames; the same as --above 0.")
-@jobs_option("the number of cores, for short videos or little memory fewer")
+@jobs_option("frames at a time", "the number of cores, fewer with little memory")
 @_options.target_options("OUT", "Video to write: .mp4, .mov, .mkv or .webm.", dry_run=True)
 def command(
     source: Path,
@@ -98,26 +89,29 @@ def command(
     Frames whose blur is at most --above stay as they are; up to twice that, frames are mixed with their deblurred
     version. Sound, motion data, timing, rotation and colour tags are kept. The times of the exposures come from
     --capture, or from the timestamps in the video, counted from --start. Frames that the log does not cover are kept as
-    they are. After an interrupt, the same command continues where it stopped.
+    they are.
     """
+    from rsdeblur._util import memory
+    from rsdeblur._util.atomic import check_target
     from rsdeblur.video.clip import open_clip
+    from rsdeblur.video.encode import Encoding, check_output, container_of, deblur_video, estimated_seconds
     from rsdeblur.video.plan import plan_clip
-    from rsdeblur.video.run import check_container, check_output, deblur_video, estimated_seconds
-    from rsdeblur.video.segments import Encoding
 
     if is_all and click.get_current_context().get_parameter_source("above") is not ParameterSource.DEFAULT:
         raise click.UsageError("--above and --all exclude each other")
     begin = time.perf_counter()
     output = target.output
-    check_output(output, force=target.force)
+    check_target(output, force=target.force)
+    container_of(output)
+    memory.keep()
     log, camera = read_device(recording)
     with progress("video") as move, naming(source, recording):
         clip = open_clip(source)
         exposures = clip_exposures(clip, recording)
         warn_of_clip_gravity(clip, recording, camera, exposures)
         encoding = Encoding.like(clip, codec=encode.codec, crf=encode.crf)
-        check_container(clip, encoding, output)
-        jobs, threads = shared_threads(jobs, options.threads, tasks=-(-len(clip) // encode.segment))
+        check_output(clip, encoding, output, force=target.force)
+        jobs, threads = shared_threads(jobs, options.threads, tasks=len(clip))
         plan = plan_clip(clip, log, camera, exposures, options, above=0.0 if is_all else above, progress=move)
         plan = replace(plan, options=replace(plan.options, threads=threads))
         facts = _facts(plan, encoding, output)
@@ -125,36 +119,12 @@ def command(
         if target.dry_run:
             facts |= {"estimated_s": estimated_seconds(plan, encoding, jobs=jobs)}
         else:
-            with _report_of_parts(output):
-                result = deblur_video(
-                    plan,
-                    output,
-                    encoding=encoding,
-                    segment=encode.segment,
-                    jobs=jobs,
-                    force=target.force,
-                    progress=move,
-                )
+            result = deblur_video(plan, output, encoding=encoding, jobs=jobs, force=target.force, progress=move)
             facts |= asdict(result) | {"seconds": time.perf_counter() - begin}
     if target.as_json:
         print_json(facts | {"dry_run": target.dry_run})
     else:
         _print(source, output, facts, target.dry_run)
-
-
-@contextmanager
-def _report_of_parts(output: Path) -> Iterator[None]:
-    """Say after an error or an interrupt where the finished parts are."""
-    from rsdeblur._util.records import LOCK
-    from rsdeblur.video.run import parts_folder
-
-    try:
-        yield
-    except BaseException:
-        folder = parts_folder(output)
-        if (folder / LOCK).exists() and any(folder.glob("*.mkv")):
-            say_aside(f"finished parts are in {folder}; the same command continues from there")
-        raise
 
 
 def _facts(plan: ClipPlan, encoding: Encoding, output: Path) -> dict[str, Any]:
@@ -206,9 +176,8 @@ def _print(source: Path, output: Path, facts: dict[str, Any], dry_run: bool) -> 
         say(f"  {how}")
         _print_correction(facts)
         return
-    resumed = f", {facts['resumed']} of {facts['segments']} segments from an earlier run" if facts["resumed"] else ""
     dropped = f"; left out: {', '.join(facts['dropped'])}" if facts["dropped"] else ""
-    say(f"{output}: {frames}, {how}, {facts['seconds']:.1f} s{resumed}{dropped}{verdict}")
+    say(f"{output}: {frames}, {how}, {facts['seconds']:.1f} s{dropped}{verdict}")
     if facts["check"] is not None and facts["check"]["reasons"]:
         say(f"  {' '.join(facts['check']['reasons'])}")
     _print_correction(facts)

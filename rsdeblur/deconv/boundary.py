@@ -1,8 +1,7 @@
-"""Alternatives to the blended border: the picture is made periodic without a seam, and then solved as periodic.
+"""First guess of what lies beyond the frame, for a solver that leaves it open (:mod:`rsdeblur.deconv.unknown_border`).
 
-All but the edge taper add rows and columns after the last ones, over which the picture leads from its end to its start.
-After the solve they are cut off again. For "unknown" what is added is a first guess
-(:mod:`rsdeblur.deconv.unknown_border`).
+Rows and columns after the last ones lead the picture from its end to its start, so that it is periodic without a seam.
+After the solve they are cut off again.
 """
 
 from __future__ import annotations
@@ -11,77 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from rsdeblur.choices import Boundary
 from rsdeblur.deconv.fft import fast_length
 from rsdeblur.deconv.tiling import WHOLE_EXCESS
-from rsdeblur.kernels.lines import continued
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
 
 
-def extended(light: FloatImage, bank: PsfBank, boundary: Boundary) -> FloatImage:
-    """Return the picture made periodic; its own rows and columns come first, and `extended_shape` is its shape.
-
-    Parameters
-    ----------
-    light : ndarray, shape (H, W, C), float32
-        Linear light.
-    bank : PsfBank
-        PSFs of the picture.
-    boundary : {"reflect", "edge-taper", "smooth", "unknown"}
-        See :func:`rsdeblur.deblur`.
-    """
-    if boundary == "edge-taper":
-        return tapered(light, bank.kernels[bank.kernels.shape[0] // 2, bank.kernels.shape[1] // 2])
-    height, width, _ = extended_shape(light.shape, bank, boundary)
-    return reflected(light, height, width) if boundary == "reflect" else smooth(light, height, width)
+def extended(light: FloatImage, bank: PsfBank) -> FloatImage:
+    """Return the picture (H, W, C) made periodic; its own rows and columns come first."""
+    height, width, _ = extended_shape(light.shape, bank)
+    return smooth(light, height, width)
 
 
-def extended_shape(shape: tuple[int, ...], bank: PsfBank, boundary: Boundary) -> tuple[int, int, int]:
-    """Return the shape of :func:`extended`: larger by at least a PSF, except for the edge taper, which adds nothing."""
+def extended_shape(shape: tuple[int, ...], bank: PsfBank) -> tuple[int, int, int]:
+    """Return the shape of :func:`extended`: larger by at least a PSF."""
     height, width, channels = shape
-    if boundary != "edge-taper":
-        tall, wide = bank.size
-        height = fast_length(height + tall, excess=WHOLE_EXCESS)
-        width = fast_length(width + wide, excess=WHOLE_EXCESS)
-    return height, width, channels
-
-
-def reflected(light: FloatImage, height: int, width: int) -> FloatImage:
-    """Fill the first half of the added pixels with a reflection at the end, the rest with one at the start."""
-    rows, columns = (_mirrored(n, length) for n, length in zip(light.shape, (height, width), strict=False))
-    return light[rows[:, None], columns]
-
-
-def _mirrored(n: int, length: int) -> NDArray[np.intp]:
-    added = length - n
-    after, before = np.arange(n, n + (added + 1) // 2), np.arange(-(added // 2), 0)
-    return continued(np.concatenate([np.arange(n), after, before]), n)
-
-
-def tapered(light: FloatImage, kernel: NDArray[np.floating]) -> FloatImage:
-    """Fade the picture towards its borders into its periodic blur (the "edgetaper" of image processing toolboxes).
-
-    Along each axis, the weight of the picture at a distance from the border is one minus the PSF's autocorrelation at
-    that distance: the share of the blur that does not reach across the border.
-    """
-    height, width, _ = light.shape
-    shares = []
-    for axis, n in ((1, height), (0, width)):
-        profile = kernel.sum(axis=axis, dtype=np.float64)
-        overlap = np.correlate(profile, profile, "full")[len(profile) - 1 :]
-        reach = min(len(overlap), n)
-        share = np.ones(n)
-        share[:reach] -= overlap[:reach] / overlap[0]
-        shares.append(np.minimum(share, share[::-1]).astype(np.float32))
-    weight = shares[0][:, None, None] * shares[1][:, None]
-    placed = np.zeros((height, width), dtype=np.float32)
-    placed[: kernel.shape[0], : kernel.shape[1]] = kernel
-    placed = np.roll(placed, [-(n // 2) for n in kernel.shape], axis=(0, 1))
-    spectrum = fft.rfft2(light, axes=(0, 1)) * fft.rfft2(placed)[..., None]
-    blurred = fft.irfft2(spectrum, s=(height, width), axes=(0, 1))
-    faded: FloatImage = weight * light + (1 - weight) * blurred
-    return faded
+    tall, wide = bank.size
+    return fast_length(height + tall, excess=WHOLE_EXCESS), fast_length(width + wide, excess=WHOLE_EXCESS), channels
 
 
 def smooth(light: FloatImage, height: int, width: int) -> FloatImage:

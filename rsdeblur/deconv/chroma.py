@@ -4,13 +4,13 @@ The eye sees detail in brightness, and most cameras measure it there: a sensor h
 video halve the colours' resolution. So the brightness is restored at full size, the picture itself at half size, and
 the colours follow the brightness (:mod:`rsdeblur.kernels.chroma`). With a prior on derivatives this takes about three
 quarters of the time of three full planes. The result is as sharp: the brightness has less noise than its parts, and the
-colours get their edges from it. (docs/developer/decisions/priors.md)
+colours get their edges from it. (docs/developer/decisions.md)
 """
 
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from collections.abc import Callable
 
 import numpy as np
 
@@ -25,20 +25,13 @@ from rsdeblur.types import Denoiser, FloatArray, FloatImage, StageProgress
 # detail than that. The nearly still capture of the benchmarks, PSFs of 3 px, lost 1.0 dB.
 LEAST_SIZE = 7
 # Strength for the brightness, as a share of what a grey picture needs. White noise alone would need less, noise after
-# JPEG, which is the same in all channels, 1. (docs/developer/decisions/priors.md)
+# JPEG, which is the same in all channels, 1. (docs/developer/decisions.md)
 LUMA_STRENGTH = 0.84
 # Share of the solves' work that the brightness takes.
 LUMA_WORK = 0.65
 
-
-class PictureSolver(Protocol):
-    """Solver of pictures of one shape with the PSFs of a bank."""
-
-    def replan(self, bank: PsfBank) -> None:
-        """Use other PSFs from now on; see :meth:`rsdeblur.Deconvolver.replan`."""
-
-    def __call__(self, light: FloatImage, progress: StageProgress) -> FloatImage:
-        """Restore one picture (H, W, C), which may be overwritten."""
+# Restores one picture (H, W, C), which it may overwrite, and reports the finished fraction.
+Solve = Callable[[FloatImage, StageProgress], FloatImage]
 
 
 class HalfChroma:
@@ -46,9 +39,9 @@ class HalfChroma:
 
     Parameters
     ----------
-    luma : PictureSolver
+    luma : callable
         Solver of shape (H, W, 1) with the PSFs of the picture.
-    half : PictureSolver
+    half : callable
         Solver of :func:`half_shape` with those of :func:`halved`.
     peak : float
         Value of the pictures' bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
@@ -56,14 +49,9 @@ class HalfChroma:
         Threads that separate and join the pictures; default all processors.
     """
 
-    def __init__(self, luma: PictureSolver, half: PictureSolver, *, peak: float, threads: int | None = None) -> None:
+    def __init__(self, luma: Solve, half: Solve, *, peak: float, threads: int | None = None) -> None:
         self._luma, self._half = luma, half
         self._peak, self._threads = max(peak, LEAST_PEAK), threads
-
-    def replan(self, bank: PsfBank) -> None:
-        """Use other PSFs from now on; see :meth:`rsdeblur.Deconvolver.replan`."""
-        self._luma.replan(bank)
-        self._half.replan(halved(bank, threads=self._threads))
 
     def __call__(self, light: FloatImage, progress: StageProgress) -> FloatImage:
         """Restore one picture (H, W, 3), which is overwritten, and report the finished fraction."""

@@ -7,7 +7,7 @@ the path on pixels, times that of the softness, a Gaussian. It is computed at th
 
 from __future__ import annotations
 
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from rsdeblur.deconv.fft import LineTransform, RowTransform, fast_length
 from rsdeblur.kernels.otf import columns_around_origin, lowest_frequencies, rows_around_origin
 from rsdeblur.kernels.spread import OVERSAMPLING, WIDTH, spread, window_spectrum
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import ComplexArray
+from rsdeblur.types import ComplexArray, Float32Array
 
 # Columns transformed together: 128 KB to 1 MB, within a second-level cache.
 COLUMNS = 64
@@ -24,8 +24,23 @@ COLUMNS = 64
 EXCESS = 0.1
 
 
+class Gains(NamedTuple):
+    """Factors on the frequencies of the OTFs of a bank; all threads that compute columns of one OTF use the same ones.
+
+    Parameters
+    ----------
+    down, across : ndarray, shape (L,) and (W // 2 + 1,), float32
+        Factors along y and x; `down` is None for kernels, which have none.
+    """
+
+    down: Float32Array | None
+    across: Float32Array
+
+
 class OtfPlanner:
     """Transforms kernels or paths into OTFs, one at a time: first rows, then blocks of columns.
+
+    It holds the buffers of one thread. Another thread's planner may transform columns of its row spectra.
 
     Parameters
     ----------
@@ -37,44 +52,54 @@ class OtfPlanner:
 
     def __init__(self, size: tuple[int, int], lengths: tuple[int, int]) -> None:
         self._size, self._lengths = size, lengths
+        self._of_kernels: _GridTransform | None = None
+        self._of_paths: _PathTransform | None = None
+
+    def gains(self, bank: PsfBank) -> Gains:
+        """Return the gains of the OTFs of `bank`."""
+        if bank.displacements is None:
+            return Gains(None, np.ones(self._lengths[1] // 2 + 1, np.float32))
+        return _path_gains(bank.softness, self._size, self._lengths)
 
     def rows(self, bank: PsfBank, band: int, strip: int) -> ComplexArray:
         """Return the row spectra of a kernel of `bank`, or of its path; the next call overwrites them."""
         if bank.displacements is None:
-            return self._of_kernels.rows(bank.kernels[band, strip])
-        path = self._of_paths
-        path.soften(bank.softness)
+            return self._kernels().rows(bank.kernels[band, strip])
+        path = self._paths()
         # The mean is the brightness of the picture, so it must be exact.
         total = spread(bank.displacements[band, strip], path.pitches, path.grid)
         return path.rows(path.grid, path.mean / total)
 
-    def columns(self, bank: PsfBank, spectrum: ComplexArray, first: int) -> ComplexArray:
+    def columns(self, spectrum: ComplexArray, gains: Gains, first: int) -> ComplexArray:
         """Return columns of the OTF from `first` on, shape (COLUMNS, lengths[0]); the next call overwrites them.
 
         Those beyond the highest frequency are zero.
         """
-        transform = self._of_kernels if bank.displacements is None else self._of_paths
-        return transform.columns(spectrum, first)
+        if gains.down is None:
+            return self._kernels().columns(spectrum, gains.across, first)
+        return self._paths().lowest_columns(spectrum, gains.across, first, gains.down)
 
     def whole(self, bank: PsfBank, band: int, strip: int) -> ComplexArray:
         """Return the OTF at all frequencies, in the order of `numpy.fft.fft2`."""
         height, width = self._lengths
         half = np.empty((width // 2 + 1, height), np.complex64)
-        spectrum = self.rows(bank, band, strip)
+        spectrum, gains = self.rows(bank, band, strip), self.gains(bank)
         for first in range(0, len(half), COLUMNS):
             part = half[first : first + COLUMNS]
-            part[...] = self.columns(bank, spectrum, first)[: len(part)]
+            part[...] = self.columns(spectrum, gains, first)[: len(part)]
         # The PSF is real: H(-k) is the conjugate of H(k).
         mirrored = np.roll(half[(width - 1) // 2 : 0 : -1, ::-1], 1, axis=1).conj()
         return np.concatenate([half, mirrored]).T
 
-    @cached_property
-    def _of_kernels(self) -> _GridTransform:
-        return _GridTransform(self._size[0], self._lengths, self._lengths)
+    def _kernels(self) -> _GridTransform:
+        if self._of_kernels is None:
+            self._of_kernels = _GridTransform(self._size[0], self._lengths, self._lengths)
+        return self._of_kernels
 
-    @cached_property
-    def _of_paths(self) -> _PathTransform:
-        return _PathTransform(self._size, self._lengths)
+    def _paths(self) -> _PathTransform:
+        if self._of_paths is None:
+            self._of_paths = _PathTransform(self._size, self._lengths)
+        return self._of_paths
 
 
 class _GridTransform:
@@ -94,8 +119,6 @@ class _GridTransform:
         self._lengths = lengths
         self._rows = RowTransform((1, rows, points[1]))
         self._columns = LineTransform((COLUMNS, points[0]))
-        # Gains of the frequencies along y and x.
-        self._down, self._across = (np.ones(n, np.float32) for n in (lengths[0], lengths[1] // 2 + 1))
 
     def rows(self, grid: NDArray[np.floating], factor: float = 1.0) -> ComplexArray:
         """Return the row spectra of `grid` times a factor; its centre is the origin."""
@@ -103,9 +126,9 @@ class _GridTransform:
         self._rows.forward()
         return self._rows.spectra[0, : len(grid), : self._lengths[1] // 2 + 1]
 
-    def columns(self, spectrum: ComplexArray, first: int) -> ComplexArray:
-        """Return some columns of the transform of the row spectra; the next call overwrites them."""
-        columns_around_origin(spectrum, self._across, first, self._columns.lines)
+    def columns(self, spectrum: ComplexArray, across: Float32Array, first: int) -> ComplexArray:
+        """Return some columns of the transform of the row spectra times gains; the next call overwrites them."""
+        columns_around_origin(spectrum, across, first, self._columns.lines)
         self._columns.forward()
         return self._columns.spectra
 
@@ -114,32 +137,14 @@ class _PathTransform(_GridTransform):
     """Transform of a fine grid over which a path was spread by a window."""
 
     def __init__(self, size: tuple[int, int], lengths: tuple[int, int]) -> None:
-        points = [_grid_points(*axis) for axis in zip(size, lengths, strict=True)]
+        points = _grid_points(size, lengths)
         self.pitches = points[0] / lengths[0], points[1] / lengths[1]
         # Around each position, the window takes points up to half its width away.
         reach = [int(np.ceil(n // 2 * pitch)) + WIDTH // 2 for n, pitch in zip(size, self.pitches, strict=True)]
         self.grid = np.empty((2 * reach[0] + 1, 2 * reach[1] + 1))
-        super().__init__(len(self.grid), lengths, (points[0], points[1]))
-        down, across = (np.fft.fftfreq(n) * n / m for n, m in zip(lengths, points, strict=True))
+        super().__init__(len(self.grid), lengths, points)
         self.mean = float(window_spectrum(np.zeros(1))[0]) ** 2
         self._out = np.empty((COLUMNS, lengths[0]), np.complex64)
-        self._windows = [window_spectrum(turns) for turns in (down, across[: lengths[1] // 2 + 1])]
-        self._softness = -1.0
-        self.soften(0.0)
-
-    def soften(self, softness: float) -> None:
-        """Let later paths have a softness, px."""
-        if softness == self._softness:
-            return
-        self._softness = softness
-        down, across = (
-            np.exp(-2 * np.square(np.pi * softness * frequencies))
-            for frequencies in (np.fft.fftfreq(self._lengths[0]), np.fft.rfftfreq(self._lengths[1]))
-        )
-        # The spectrum of the grid is that of the path times that of the window.
-        self._down, self._across = (
-            (gain / window).astype(np.float32) for gain, window in zip((down, across), self._windows, strict=True)
-        )
 
     def rows(self, grid: NDArray[np.floating], factor: float = 1.0) -> ComplexArray:
         """Return the row spectra of `grid` times a factor; its centre is the origin."""
@@ -149,13 +154,29 @@ class _PathTransform(_GridTransform):
             spectrum.imag[:, -1] = 0
         return spectrum
 
-    def columns(self, spectrum: ComplexArray, first: int) -> ComplexArray:
-        """Return some columns of the transform of the row spectra; the next call overwrites them."""
-        lowest_frequencies(super().columns(spectrum, first), self._down, self._out)
+    def lowest_columns(
+        self, spectrum: ComplexArray, across: Float32Array, first: int, down: Float32Array
+    ) -> ComplexArray:
+        """Return the lowest frequencies of :meth:`columns` times gains; the next call overwrites them."""
+        lowest_frequencies(self.columns(spectrum, across, first), down, self._out)
         return self._out
 
 
-def _grid_points(kernel: int, length: int) -> int:
-    """Return the points of a fine grid over a tile that holds a path of up to `kernel` px with the window around it."""
-    room = (WIDTH + 3) / (length - kernel + 1)
-    return fast_length(int(np.ceil(max(OVERSAMPLING, room) * length)), excess=EXCESS)
+def _path_gains(softness: float, size: tuple[int, int], lengths: tuple[int, int]) -> Gains:
+    """Return the spectrum of a softness (px), divided by that of the window that spread the path on the grid."""
+    points = _grid_points(size, lengths)
+    turns = np.fft.fftfreq(lengths[0]), np.fft.rfftfreq(lengths[1])
+    down, across = (
+        (np.exp(-2 * np.square(np.pi * softness * f)) / window_spectrum(f * n / m)).astype(np.float32)
+        for f, n, m in zip(turns, lengths, points, strict=True)
+    )
+    return Gains(down, across)
+
+
+def _grid_points(size: tuple[int, int], lengths: tuple[int, int]) -> tuple[int, int]:
+    """Return the points of a fine grid over a tile that holds paths of up to `size` px with the window around them."""
+    down, across = (
+        fast_length(int(np.ceil(max(OVERSAMPLING, (WIDTH + 3) / (n - kernel + 1)) * n)), excess=EXCESS)
+        for kernel, n in zip(size, lengths, strict=True)
+    )
+    return down, across

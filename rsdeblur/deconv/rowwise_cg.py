@@ -19,7 +19,7 @@ from rsdeblur.psf import tile_centres
 from rsdeblur.types import Float32Array
 
 # Norm of the residual as a share of that of the right-hand side. The error against the direct solve is then 60 dB below
-# the picture, after some 9 steps for PSFs of any height (docs/developer/decisions/rowwise.md).
+# the picture, after some 9 steps for PSFs of any height (docs/developer/decisions.md).
 TOLERANCE = 1e-3
 MOST_STEPS = 60
 # Distance between slabs in heights of the tallest PSF. A smaller one hardly saves steps.

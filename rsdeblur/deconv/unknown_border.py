@@ -33,7 +33,7 @@ from rsdeblur.kernels.normal import add_normal
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, FloatImage
 
-# Conjugate gradients of a solve. docs/developer/decisions/tiles.md has what fewer and more give.
+# Conjugate gradients of a solve. docs/developer/decisions.md has what fewer and more give.
 STEPS = 2
 
 

@@ -34,7 +34,7 @@ from rsdeblur.types import ComplexArray, FloatImage
 # Margins of tiles, in PSF sizes: by how much a tile is longer than the part that it contributes. The margin is a fade
 # between the two ends of the tile. The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of
 # K / (2 pi sqrt(Phi)), so a margin of 0.2 K / sqrt(Phi) is some 1.3 decay lengths. What smaller margins cost:
-# docs/developer/decisions/tiles.md.
+# docs/developer/decisions.md.
 DECAY_MARGIN = 0.2
 LEAST_MARGIN = 1.5
 # Least `nsr`. OTFs of up to 1 have rounding errors of some 1e-7, so that a filter with a gain beyond 1 / (2 sqrt(nsr)),
@@ -229,9 +229,10 @@ class TileFilter:
     def _fill_otfs(self, bank: PsfBank, out: ComplexArray, put: PutColumns | None = None, *, first: int = 0) -> None:
         """Fill `out` with the OTFs of the tiles of the strips from `first` on, or with what `put` computes of them."""
         parts, put = range(0, self._hybrid.frequencies, otf.COLUMNS), put or put_columns
+        gains = self._planners[0].gains(bank)
 
         def fill(thread: int, s: int, b: int, spectrum: ComplexArray, part: int) -> None:
-            put(self._planners[thread].columns(bank, spectrum, part), part // COLUMNS, b, out[s])
+            put(self._planners[thread].columns(spectrum, gains, part), part // COLUMNS, b, out[s])
 
         def plan(thread: int, tile: int) -> None:
             s, b = divmod(tile, out.shape[2])

@@ -22,7 +22,7 @@ from rsdeblur.types import FloatArray
 TABLE_STEP = 5e-4
 # A path is brightest where the camera is slow, and fine texture follows its brightest part. So the mean weights each
 # moment by the rate of turn, and this much, rad/s, to this power. Without the weights, focal lengths came out up to 1 %
-# too long (docs/developer/decisions/estimates.md).
+# too long (docs/developer/decisions.md).
 LEAST_RATE, RATE_POWER = 0.1, -0.2
 
 

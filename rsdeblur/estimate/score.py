@@ -29,7 +29,7 @@ NATS_PER_NUMBER, WORST_GAIN = 3.0, -1000.0
 # Gain (nats) without which the fall does not count where the paths become shorter.
 LEAST_OF_SHORTER = 10.0
 # Score (nats) of corrections of which half bring the motion nearer to the truth, and by how much more the odds grow
-# e-fold: a fit to simulated recordings (docs/developer/decisions/refinement.md).
+# e-fold: a fit to simulated recordings (docs/developer/decisions.md).
 EVEN_SCORE, SCORE_SCALE = 8.0, 12.0
 
 

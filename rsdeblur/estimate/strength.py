@@ -55,13 +55,13 @@ MOST_PATH_ERROR_SHARE, MOST_OF_SPREAD = 0.25, 0.5
 # frames show how large the errors are: real motion errs by that much.
 FRAME_ERROR_SHARE = 0.03
 # Error of resampling the frames of a burst, px: of their alignment and, where pictures are as sharp as their pixels, of
-# interpolation. Only their shares depend on it. Chosen on eight bursts (docs/developer/decisions/several.md).
+# interpolation. Only their shares depend on it. Chosen on eight bursts (docs/developer/decisions.md).
 RESAMPLING_ERROR = 0.25
 # Weight of total variation where that of the gradient prior is 1 and E is 1; and that of a penalty on first and second
 # derivatives, times the root of its exponent.
 TV_STRENGTH, DERIVATIVES_STRENGTH = 2.0, 1.6
 # Share of both in a picture of one channel, whose derivatives are shorter than those of three channels together, and
-# which of them vanish is decided with more noise. (docs/developer/decisions/priors.md)
+# which of them vanish is decided with more noise. (docs/developer/decisions.md)
 GREY_STRENGTH = 0.6
 # Candidates for the NSR and for the weight of the gradient prior.
 LADDER = np.geomspace(1e-5, 10.0, 73)

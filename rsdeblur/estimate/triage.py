@@ -90,7 +90,7 @@ def triage(
         The exposures, in any order.
     keep : float, default 1.5
         Longest path in px of a picture that is sharp enough as it is.
-    drop : float, default 20
+    drop : float, default 100
         Longest path in px of a picture that is worth deblurring; at least `keep`.
     progress : callable, optional
         Called as ``progress(stage, fraction)``.
@@ -108,7 +108,7 @@ def triage(
     Examples
     --------
     >>> import rsdeblur
-    >>> log = rsdeblur.hand_shake(0.6, strength=0.1, seed=1)
+    >>> log = rsdeblur.hand_shake(0.6, strength=0.4, seed=1)
     >>> camera = rsdeblur.Camera(1920, 1080, 1500.0, readout_time=0.02)
     >>> exposures = [rsdeblur.Exposure(0.3, duration) for duration in (1 / 4000, 1 / 100, 1 / 10)]
     >>> rsdeblur.triage(log, camera, exposures).decisions

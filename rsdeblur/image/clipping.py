@@ -22,7 +22,7 @@ from rsdeblur.types import Float32Array, FloatImage
 # half a PSF far, and as far again reaches what came from there.
 WINDOW = 1.5
 # By how much a result may leave the range of the photo: as a share of the range, below its luma and beyond its
-# chroma, and at least, as the square root of light. (docs/developer/decisions/estimates.md)
+# chroma, and at least, as the square root of light. (docs/developer/decisions.md)
 DARKER, MORE_COLOURED, LEAST_BEYOND = 1.0, 0.1, 1 / 255
 # Cells in the length of a PSF, the least size of a cell in px, and the number of cells over which the limits set in.
 CELLS, LEAST_CELL, FADE = 8, 8, 3

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.extras import missing
-from rsdeblur.io import directories
+from rsdeblur.io._exif_block import with_orientation
 from rsdeblur.io._metadata import Metadata, of_heif
 
 # Brands of HEIC; those of AVIF, which is not read, begin files of the same kind.
@@ -46,7 +46,7 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
     turns = _quarter_turns(data)
     pixels = np.ascontiguousarray(np.rot90(pixels, -turns))
     # In a HEIC file the block's own orientation does not count.
-    exif = directories.with_orientation(file.info.get("exif"), ORIENTATION_OF_TURNS[turns])
+    exif = with_orientation(file.info.get("exif"), ORIENTATION_OF_TURNS[turns])
     return pixels, of_heif(file.info, exif, data)
 
 

@@ -58,7 +58,7 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
     metadata = Metadata()
     if data.startswith(_tiff.MAGIC):
         with tifffile.TiffFile(BytesIO(data)) as file:
-            metadata = of_tiff(file.pages.first, _tiff.exif_block(BytesIO(data)))
+            metadata = of_tiff(file.pages.first, *_tiff.exif_block(BytesIO(data)))
     # A sensor without colour filters gives one channel; its axis is dropped.
     pixels = np.ascontiguousarray(pixels.squeeze(axis=2) if pixels.shape[2] == 1 else pixels)
     return pixels, replace(metadata, icc_profile=linear_profile())

@@ -9,10 +9,8 @@ from __future__ import annotations
 import logging
 import struct
 import sys
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from io import BytesIO
 from typing import Any, BinaryIO
 
@@ -21,10 +19,9 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from rsdeblur.errors import RsdeblurWarning
-from rsdeblur.io import directories, untrusted
-from rsdeblur.io._metadata import IPTC_TAG, XMP_TAG, Metadata, of_tiff
-from rsdeblur.io.directories import ORIENTATION, Directory
+from rsdeblur.io import _exif_block, untrusted
+from rsdeblur.io._exif_block import ASCII, LONG, ORIENTATION
+from rsdeblur.io._metadata import CLASSIC_BYTES, IPTC_TAG, XMP_TAG, Metadata, of_tiff
 
 # tifffile logs every oddity of a damaged file; the faults that matter are raised.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
@@ -32,8 +29,9 @@ logging.getLogger("tifffile").addHandler(logging.NullHandler())
 BIG_MAGIC = (b"II+\0", b"MM\0+")
 MAGIC = (b"II*\0", b"MM\0*", *BIG_MAGIC)
 
-# Tags of an EXIF block's first directory that describe the picture rather than how its samples are stored.
-TEXT_TAGS = (270, 271, 272, 305, 306, 315, 316, 33432)  # description, maker, model, software, time, artist, ...
+# Tags of an EXIF block's first directory that describe the picture rather than how its samples are stored: description,
+# maker, model, orientation, software, time, artist, computer, rating, copyright, and texts of Windows.
+DESCRIPTIVE = (270, 271, 272, ORIENTATION, 305, 306, 315, 316, 18246, 18249, 33432, *range(40091, 40096))
 NATIVE = "<" if sys.byteorder == "little" else ">"
 Tag = tuple[int, str | int, int, Any, bool]
 # Most bytes per pixel: four samples of 32 bits.
@@ -44,10 +42,6 @@ BELIEVED_PIXELS = 16_000_000
 SLOW_PIXELS_PER_BYTE = 100
 # JPEG XL, JPEG XR and JPEG 2000, each under several numbers.
 SLOW = (50002, 52546, 22610, 34934, 33003, 33004, 33005, 34712)
-
-
-# Most bytes of samples in a classic TIFF: its offsets have 32 bits, and its tags need room too.
-CLASSIC_BYTES = 2**32 - 2**24
 
 
 # Sizes of a page that must be single numbers. A damaged file may have a list there, which multiplied by another size
@@ -99,7 +93,7 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
                 f"TIFF with {page.samplesperpixel} samples of {page.bitspersample} bits ({page.photometric!r}) is not "
                 "supported; convert it to grey or RGB of 8 or 16 bits without sign, or float"
             )
-        metadata = of_tiff(page, exif_block(BytesIO(data)))
+        metadata = of_tiff(page, *exif_block(BytesIO(data)))
         return np.ascontiguousarray(_straight(pixels) if _is_premultiplied(page) else pixels), metadata
 
 
@@ -165,16 +159,13 @@ def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None
     return None
 
 
-def exif_block(file: BinaryIO) -> bytes | None:
-    """Return the descriptive tags of a TIFF file as an EXIF block; None if there are none, or in a BigTIFF."""
+def exif_block(file: BinaryIO) -> tuple[bytes | None, str]:
+    """Return the descriptive tags of a TIFF file as an EXIF block, None if there are none, and what is lost of them."""
     # Offsets in EXIF blocks have 32 bits.
     if file.read(4) in BIG_MAGIC:
-        return None
-    main = directories.read(file)
-    entries = {tag: main.entries[tag] for tag in (*TEXT_TAGS, ORIENTATION) if tag in main.entries}
-    if not entries and not main.tables:
-        return None
-    return directories.block(directories.Directory(entries, main.tables))
+        return None, ""
+    main = _exif_block.read(file, DESCRIPTIVE)
+    return main.block() if len(main.ifd) or main.tables else None, main.loss
 
 
 def encode(pixels: NDArray[Any], metadata: Metadata) -> bytes:
@@ -188,9 +179,6 @@ def encode(pixels: NDArray[Any], metadata: Metadata) -> bytes:
 def write_empty(file: BinaryIO, shape: tuple[int, ...], dtype: np.dtype[Any], metadata: Metadata) -> int:
     """Write a TIFF of zeros into an empty file and return the offset of its samples."""
     big = int(np.prod(shape)) * dtype.itemsize > CLASSIC_BYTES
-    if big and metadata.exif:
-        warnings.warn("the EXIF block is not carried over: the file is a BigTIFF", RsdeblurWarning, stacklevel=2)
-        metadata = replace(metadata, exif=None)
     with _tables(file, metadata) as tags, tifffile.TiffWriter(file, bigtiff=big) as tiff:
         layout = _layout(shape, metadata.icc_profile, tags)
         extent = tiff.write(None, shape=shape, dtype=dtype, returnoffset=True, **layout)
@@ -214,39 +202,32 @@ def _layout(shape: tuple[int, ...], icc: bytes | None, tags: Sequence[Tag]) -> d
 @contextmanager
 def _tables(file: BinaryIO, metadata: Metadata) -> Iterator[list[Tag]]:
     """Yield the tags for the file's first directory; afterwards append the EXIF block's tables to the file."""
-    tables, tags = _tags_of(metadata.exif) if metadata.exif else ({}, [])
     # TIFF's types: bytes, and bytes of no type.
     blocks = ((XMP_TAG, 1, metadata.xmp), (IPTC_TAG, 7, metadata.iptc))
-    yield [*tags, *((tag, kind, len(block), block, True) for tag, kind, block in blocks if block)]
-    for table, directory in tables.items():
-        _append(file, table, directory)
-
-
-def _tags_of(exif: bytes) -> tuple[Mapping[int, Directory], list[Tag]]:
-    """Return the tables of an EXIF block, and its tags for the file's first directory in tifffile's form."""
-    try:
-        main = directories.read_block(exif)
-    except ValueError as error:
-        warnings.warn(f"the EXIF block is damaged and not carried over: {error}", RsdeblurWarning, stacklevel=2)
-        return {}, []
-    tags: list[Tag] = [
-        (tag, "s", 0, main.entries[tag].value.rstrip(b"\0"), True) for tag in TEXT_TAGS if tag in main.entries
-    ]
-    orientation = directories.number(main, ORIENTATION)
-    if orientation in range(1, 9):
-        tags.append((ORIENTATION, "H", 1, orientation, True))
+    tags: list[Tag] = [(tag, kind, len(block), block, True) for tag, kind, block in blocks if block]
+    tables: dict[int, _exif_block.Table] = {}
+    if metadata.exif:
+        main = _exif_block.of_block(metadata.exif, DESCRIPTIVE)
+        for tag in main.ifd:
+            value, kind = main.ifd[tag], main.ifd.tagtype[tag]
+            # tifffile counts texts itself.
+            count = 0 if kind == ASCII else len(value) if isinstance(value, bytes) else 1
+            tags.append((tag, "s" if kind == ASCII else kind, count, value, True))
+        tables = main.tables
     # tifffile does not write pointers to EXIF tables. The tag number below each pointer serves as a placeholder, which
     # keeps the directory in order.
-    return main.tables, tags + [(table - 1, "I", 1, 0, True) for table in main.tables]
+    yield tags + [(table - 1, LONG, 1, 0, True) for table in tables]
+    for tag, table in tables.items():
+        _append(file, tag, table)
 
 
-def _append(buffer: BinaryIO, table: int, directory: Directory) -> None:
+def _append(buffer: BinaryIO, tag: int, table: _exif_block.Table) -> None:
     """Write an EXIF table at the end of the file and turn its placeholder into a pointer to it."""
     buffer.seek(0)
     with tifffile.TiffFile(buffer) as file:
-        placeholder = file.pages.first.tags[table - 1].offset
+        placeholder = file.pages.first.tags[tag - 1].offset
     start = buffer.seek(0, 2)
     start += buffer.write(b"\0" * (start % 2))
-    buffer.write(directory.to_bytes(start))
+    buffer.write(table.to_bytes(start))
     buffer.seek(placeholder)
-    buffer.write(struct.pack("<HHII", table, 4, 1, start))
+    buffer.write(struct.pack("<HHII", tag, LONG, 1, start))

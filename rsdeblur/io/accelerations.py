@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io.archives import is_sensorlogger_json, members_of, read_sensorlogger_json
+from rsdeblur.io.archives import is_sensorlogger_json, members_of, read_sensorlogger_json, several
 from rsdeblur.io.columns import ACCELERATION, Columns, layout_grid, named_columns, time_column
-from rsdeblur.io.formats import Format, choose, text_format
 from rsdeblur.io.gyro_binary import is_video, telemetry_of
-from rsdeblur.io.gyro_tables import ACCELEROMETER_TYPE, TAGGED, is_tagged, read_columns, sensors_beside, tagged_rows
+from rsdeblur.io.gyro_tables import ACCELEROMETER_TYPE, is_tagged, read_tagged, sensors_beside, table_format
 from rsdeblur.io.gyroflow import is_gcsv, read_gcsv
 from rsdeblur.io.samples import Samples, finish_acceleration, nanoseconds
-from rsdeblur.io.source import Source
+from rsdeblur.io.source import Format, Source, choose, text_format
 from rsdeblur.io.text import TextFile, line_error
 from rsdeblur.motion.acceleration import AccelerationLog
 
@@ -68,11 +67,7 @@ def _only(path: Path, members: list[Source]) -> Source:
     logs = [member for member in members if any(each.fits(member) for each in FORMATS)] or members[:1]
     again = [member for member in logs[1:] if member.path.name == logs[0].path.name]
     if again:
-        first, second = (each.path.relative_to(path).as_posix() for each in (logs[0], again[0]))
-        raise FileFormatError(
-            f"{path}: the archive contains more than one {WHAT}, {first} and {second}; extract that of your photo or "
-            "video, and give that"
-        )
+        raise several(path, WHAT, [logs[0], again[0]])
     return logs[0]
 
 
@@ -89,13 +84,6 @@ def _named(text: TextFile) -> Columns | None:
     return named_columns(text, ACCELERATION.bare)
 
 
-def _read_named(text: TextFile) -> Samples:
-    columns = _named(text)
-    if columns is None:
-        raise text.error("the file has no header that names timestamps and accelerations", text.rows[0])
-    return read_columns(text, columns, "sensor", unit="m/s^2")
-
-
 def _unnamed(text: TextFile) -> Columns | None:
     """Return the only columns that show gravity in a table of four or seven columns without a header."""
     for width in (4, 7):
@@ -106,20 +94,6 @@ def _unnamed(text: TextFile) -> Columns | None:
                 return (accelerometers or gyros)[0]
             return accelerometers[0] if len(accelerometers) == 1 else None
     return None
-
-
-def _read_unnamed(text: TextFile) -> Samples:
-    columns = _unnamed(text)
-    if columns is None:
-        raise text.error("expected timestamps and three columns that show gravity", text.rows[0])
-    return read_columns(text, columns, "sensor", unit="m/s^2")
-
-
-def _read_tagged(text: TextFile) -> Samples:
-    rows = tagged_rows(text)
-    if ACCELEROMETER_TYPE not in rows:
-        raise text.error("the file contains no samples of an accelerometer: no line is of type 1")
-    return read_columns(text, TAGGED, "phone", rows[ACCELEROMETER_TYPE], unit="m/s^2")
 
 
 def _read_video(source: Source) -> Samples:
@@ -147,7 +121,16 @@ FORMATS: tuple[Format[Samples], ...] = (
         lambda source: read_sensorlogger_json(source, SENSORS, "m/s^2"),
     ),
     text_format("gcsv", "Gyroflow .gcsv", is_gcsv, lambda text: read_gcsv(text, "a", "g")),
-    text_format("named", "table with named columns", lambda text: _named(text) is not None, _read_named),
-    text_format("deepgyro", "imu.txt with types, `type t_ns x y z`", is_tagged, _read_tagged),
-    text_format("plain", "table that shows gravity", lambda text: _unnamed(text) is not None, _read_unnamed),
+    table_format(
+        "named", "table with named columns", _named, "a header that names timestamps and accelerations", unit="m/s^2"
+    ),
+    text_format(
+        "deepgyro",
+        "imu.txt with types, `type t_ns x y z`",
+        is_tagged,
+        lambda text: read_tagged(text, (ACCELEROMETER_TYPE,), "an accelerometer", "m/s^2"),
+    ),
+    table_format(
+        "plain", "table that shows gravity", _unnamed, "timestamps and three columns that show gravity", unit="m/s^2"
+    ),
 )

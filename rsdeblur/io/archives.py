@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io.formats import Format
 from rsdeblur.io.samples import Samples
-from rsdeblur.io.source import Source, unpacked_limit
+from rsdeblur.io.source import Format, Source, unpacked_limit
 
 SUFFIXES = (".csv", ".json", ".txt", ".gcsv", ".tsv")
 
@@ -35,19 +34,22 @@ def gyro_first(name: str) -> tuple[bool, bool, str]:
     return "gyro" not in stem, "uncalibrated" in stem, name
 
 
+def several(archive: Path, what: str, members: list[Source]) -> FileFormatError:
+    """Return the error for an archive of which two members may be meant."""
+    first, second = (each.path.relative_to(archive).as_posix() for each in members[:2])
+    return FileFormatError(
+        f"{archive}: the archive contains more than one {what}, {first} and {second}; extract the one of your photo or "
+        "video, and give that"
+    )
+
+
 def is_archive(source: Source) -> bool:
     """Whether the file is a zip archive."""
     return source.head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
 
 
 def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]] = gyro_first) -> list[Source]:
-    """Return the text files of a zip archive, in the order of this key; any other file is returned alone.
-
-    Raises
-    ------
-    FileFormatError
-        If the archive is damaged or encrypted, contains no text file, or unpacks to an incredible size.
-    """
+    """Return the text files of a zip archive, in the order of this key; any other file is returned alone."""
     if not is_archive(source):
         return [source]
     try:

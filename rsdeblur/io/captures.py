@@ -12,10 +12,9 @@ import numpy as np
 from rsdeblur.errors import InputError
 from rsdeblur.io.columns import TIME_UNITS, Cell, named_columns
 from rsdeblur.io.exif import Exif
-from rsdeblur.io.formats import Format, choose, text_format
 from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.pictures import read_header
-from rsdeblur.io.source import Source
+from rsdeblur.io.source import Format, Source, choose, text_format
 from rsdeblur.io.text import Rows, Table, TextFile, cells_of, find_columns, is_number, read_table
 from rsdeblur.motion.exposure import Exposure
 

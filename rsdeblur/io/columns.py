@@ -250,13 +250,7 @@ def time_column(grid: FloatArray) -> int:
 
 
 def unit_from_spacing(table: Table) -> str:
-    """Return the unit of time that makes the median sample spacing that of a gyro.
-
-    Raises
-    ------
-    FileFormatError
-        If there are fewer than two samples, or the spacing fits no unit.
-    """
+    """Return the unit of time that makes the median sample spacing that of a gyro."""
     # Timestamps that fit as nanoseconds fit in every unit, and their differences do not overflow.
     table.check_range(TIME_UNITS["ns"])
     if len(table.rows) < 2:

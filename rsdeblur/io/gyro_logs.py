@@ -14,11 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from rsdeblur._util import validate
-from rsdeblur.errors import FileFormatError
 from rsdeblur.io import archives, gyro_binary, gyro_tables, gyroflow
-from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.samples import GyroFile, Samples, finish
-from rsdeblur.io.source import Source
+from rsdeblur.io.source import Format, Source, choose
 from rsdeblur.io.text import line_error
 from rsdeblur.motion.axes import orientation as orientation_matrix
 from rsdeblur.motion.gyro import GyroLog
@@ -195,9 +193,5 @@ def _only(archive: Path, members: list[Source]) -> Source:
     likely = [each for each in members if not gyro_tables.names_other_sensor(each.path.stem)] or members[:1]
     logs = [each for each in likely if choose(FORMATS, each).name not in ANY_TABLE] or likely
     if len(logs) > 1:
-        first, second = (each.path.relative_to(archive).as_posix() for each in logs[:2])
-        raise FileFormatError(
-            f"{archive}: the archive contains more than one gyro log, {first} and {second}; extract the one of your "
-            "photo or video, and give that"
-        )
+        raise archives.several(archive, WHAT, logs)
     return logs[0]

@@ -24,8 +24,8 @@ from rsdeblur.io.columns import (
     time_column,
     unit_from_spacing,
 )
-from rsdeblur.io.formats import Format, text_format
 from rsdeblur.io.samples import GRAVITY, Axes, Samples, table_samples
+from rsdeblur.io.source import Format, text_format
 from rsdeblur.io.text import TextFile, cells_of, is_number, read_table, separator_of
 from rsdeblur.types import FloatArray
 
@@ -35,11 +35,8 @@ GYRO_TYPE, UNCALIBRATED_TYPE, ACCELEROMETER_TYPE = "4", "16", "1"
 # Columns of `type t_ns x y z`.
 TAGGED = Columns((1, 2, 3, 4), "ns")
 
-# Names of phyphox's first columns in the languages of its users.
-PHYPHOX = (
-    *(("time", "gyroscopex"), ("zeit", "gyroskopx"), ("temps", "gyroscopex")),
-    *(("tiempo", "giroscopiox"), ("tempo", "giroscopiox")),
-)
+# Name of phyphox's second column in the languages of its users.
+PHYPHOX = re.compile("g[yi]ros[ck]op[a-z]{,2}x")
 
 BIASED = {"bias": "not removed by the phone"}
 
@@ -53,12 +50,6 @@ def read_columns(
     """Read the table, or only `rows` of it; `unit` is that of values without one.
 
     A missing unit of time follows from the sample spacing.
-
-    Raises
-    ------
-    FileFormatError
-        If a row cannot be read or contradicts the columns, the columns name several units, or the sample spacing fits
-        no unit.
     """
     lines = np.asarray(text.rows[columns.start :] if rows is None else rows, dtype=np.intp)
     t, x, y, z = columns.places
@@ -72,6 +63,27 @@ def read_columns(
         return table_samples(table, None, unit=unit, axes=axes, time_unit="none")
     time = columns.time_unit or unit_from_spacing(table)
     return table_samples(table, table.nanoseconds(TIME_UNITS[time]), unit=unit, axes=axes, time_unit=time)
+
+
+def table_format(
+    name: str,
+    title: str,
+    columns_of: Callable[[TextFile], Columns | None],
+    expected: str,
+    *,
+    unit: str = "rad/s",
+    refuse: Callable[[TextFile], None] = lambda text: None,
+) -> Format[Samples]:
+    """Return a format of tables in the sensor's axes: those in which `columns_of` finds columns."""
+
+    def read(text: TextFile) -> Samples:
+        columns = columns_of(text)
+        if columns is None:
+            raise text.error(f"expected {expected}", text.rows[0])
+        refuse(text)
+        return read_columns(text, columns, "sensor", unit=unit)
+
+    return text_format(name, title, lambda text: columns_of(text) is not None, read)
 
 
 def _read_named(axes: Axes) -> Callable[[TextFile], Samples]:
@@ -98,7 +110,7 @@ def _sniff_euroc(text: TextFile) -> bool:
 
 def _sniff_phyphox(text: TextFile) -> bool:
     columns = named_columns(text)
-    return columns is not None and columns.time_unit == "s" and columns.names[:2] in PHYPHOX
+    return columns is not None and columns.time_unit == "s" and PHYPHOX.fullmatch(columns.names[1]) is not None
 
 
 def _sensorlogger_columns(text: TextFile) -> Columns | None:
@@ -159,7 +171,7 @@ def is_tagged(text: TextFile) -> bool:
     return any(_type_of(line) in (GYRO_TYPE, UNCALIBRATED_TYPE) for line in text.filled())
 
 
-def tagged_rows(text: TextFile) -> dict[str, list[int]]:
+def _tagged_rows(text: TextFile) -> dict[str, list[int]]:
     """Return the rows of each type of sensor."""
     rows: dict[str, list[int]] = {}
     for row, line in zip(text.rows.tolist(), text.filled(), strict=True):
@@ -170,13 +182,14 @@ def tagged_rows(text: TextFile) -> dict[str, list[int]]:
     return rows
 
 
-def _read_tagged(text: TextFile) -> Samples:
-    rows = tagged_rows(text)
-    kind = GYRO_TYPE if GYRO_TYPE in rows else UNCALIBRATED_TYPE
-    if kind not in rows:
-        raise text.error("the file contains no gyro samples: no line is of type 4 or 16")
-    samples = read_columns(text, TAGGED, "phone", rows[kind])
-    return samples if kind == GYRO_TYPE else replace(samples, facts=BIASED)
+def read_tagged(text: TextFile, kinds: Sequence[str], what: str, unit: str = "rad/s") -> Samples:
+    """Read the first of these types of sensor that the file contains."""
+    rows = _tagged_rows(text)
+    kind = next((each for each in kinds if each in rows), None)
+    if kind is None:
+        raise text.error(f"the file contains no samples of {what}: no line is of type {' or '.join(kinds)}")
+    samples = read_columns(text, TAGGED, "phone", rows[kind], unit=unit)
+    return replace(samples, facts=BIASED) if kind == UNCALIBRATED_TYPE else samples
 
 
 def _plain_columns(text: TextFile) -> Columns | None:
@@ -226,16 +239,6 @@ def _unstamped_columns(text: TextFile) -> Columns | None:
     return Columns((-1, 0, 1, 2))
 
 
-def _read_unstamped(text: TextFile) -> Samples:
-    columns = _unstamped_columns(text)
-    if columns is None:
-        raise text.error(
-            "expected three numbers `wx wy wz`, or a header that names them and no timestamps", text.rows[0]
-        )
-    refuse_other_sensor(text)
-    return read_columns(text, columns, "sensor")
-
-
 FORMATS: tuple[Format[Samples], ...] = (
     text_format("mars", "MARS logger gyro_accel.csv", _sniff_mars, _read_named("phone")),
     text_format("euroc", "EuRoC or Kalibr IMU CSV", _sniff_euroc, _read_named("sensor")),
@@ -246,13 +249,19 @@ FORMATS: tuple[Format[Samples], ...] = (
         lambda text: _sensorlogger_columns(text) is not None,
         _read_sensorlogger,
     ),
-    text_format("deepgyro", "imu.txt with types, `type t_ns x y z`", is_tagged, _read_tagged),
+    text_format(
+        "deepgyro",
+        "imu.txt with types, `type t_ns x y z`",
+        is_tagged,
+        lambda text: read_tagged(text, (GYRO_TYPE, UNCALIBRATED_TYPE), "a gyro"),
+    ),
     text_format("opencamera", "OpenCamera Sensors gyro.csv, `x,y,z,t_ns`", _sniff_opencamera, _read_opencamera),
     text_format("plain", "`t wx wy wz` or `wx wy wz t`", lambda text: _plain_columns(text) is not None, _read_plain),
-    text_format(
+    table_format(
         "unstamped",
         "`wx wy wz` without timestamps, with a sampling rate",
-        lambda text: _unstamped_columns(text) is not None,
-        _read_unstamped,
+        _unstamped_columns,
+        "three numbers `wx wy wz`, or a header that names them and no timestamps",
+        refuse=refuse_other_sensor,
     ),
 )

@@ -40,13 +40,7 @@ def sniff(source: Source) -> bool:
 
 
 def read(source: Source, request: Request) -> CameraFile:
-    """Read one camera of the file, the first one unless `request` names another.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is not such YAML, does not contain the camera, or the camera has a model that is not supported.
-    """
+    """Read one camera of the file, the first one unless `request` names another."""
     content = _load(source)
     name = request.name or "the file"
     try:

@@ -9,10 +9,9 @@ from rsdeblur.errors import FileFormatError
 from rsdeblur.io import cameras, captures, gyro_logs, trajectories
 from rsdeblur.io.archives import is_archive
 from rsdeblur.io.columns import RATE, named_columns
-from rsdeblur.io.formats import Format
 from rsdeblur.io.gyro_binary import is_video
 from rsdeblur.io.pictures import is_picture
-from rsdeblur.io.source import Source
+from rsdeblur.io.source import Format, Source
 
 
 class Kind(NamedTuple):

@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from io import BytesIO
 from typing import Any, BinaryIO
 
@@ -27,13 +26,7 @@ Mapped = tuple[NDArray[Any], Metadata]
 
 
 def map_picture(file: BinaryIO, max_pixels: int) -> Mapped | None:
-    """Return the samples of `file` as a read-only map, and its metadata; None if they must be decoded.
-
-    Raises
-    ------
-    ValueError, OSError
-        If the file is damaged or too large.
-    """
+    """Return the samples of `file` as a read-only map, and its metadata; None if they must be decoded."""
     head = file.read(len(NPY_MAGIC))
     file.seek(0)
     size = os.fstat(file.fileno()).st_size
@@ -47,21 +40,13 @@ def map_picture(file: BinaryIO, max_pixels: int) -> Mapped | None:
         place = _tiff.place(page, size)
         if place is None:
             return None
-        metadata = of_tiff(page, None)
-    file.seek(0)
-    return np.memmap(file, mode="r", **place), replace(metadata, exif=_tiff.exif_block(file))
+        file.seek(0)
+        metadata = of_tiff(page, *_tiff.exif_block(file))
+    return np.memmap(file, mode="r", **place), metadata
 
 
 def npy_place(file: BinaryIO, size: int, max_pixels: int) -> dict[str, Any]:
-    """Return offset, dtype and shape of the samples in a NumPy file of `size` bytes.
-
-    Raises
-    ------
-    ValueError
-        If the header is damaged, or the array is not a picture.
-    EOFError
-        If the file ends within the samples.
-    """
+    """Return offset, dtype and shape of the samples in a NumPy file of `size` bytes."""
     version = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, fortran, dtype = read_header(file)

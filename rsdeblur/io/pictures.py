@@ -8,6 +8,7 @@ the result.
 from __future__ import annotations
 
 import os
+import re
 import struct
 import threading
 import warnings
@@ -30,9 +31,8 @@ from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import held_at_forks
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io import _heif, _jpeg, _metadata, _raw, _tiff, mapped, untrusted
+from rsdeblur.io import _heif, _metadata, _raw, _tiff, mapped, untrusted
 from rsdeblur.io._metadata import Metadata
-from rsdeblur.io.claims import Claim
 from rsdeblur.io.source import Source
 
 # The largest phone sensors have 200 megapixels, the largest stitched camera files 400.
@@ -44,6 +44,18 @@ PIXELS_PER_BYTE = 1000
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 PNG_DEPTH = 24  # Offset of the bit depth: IHDR is always the first chunk.
+
+# Encoders write about ten scans into a progressive picture. Each scan takes as long to decode as a whole picture,
+# but its data may be as short as fifty bytes.
+MOST_SCANS = 100
+# Pictures may have twelve scans at any size, and more while the pixels of all scans are at most these: some 2 s.
+ORDINARY_SCANS, MOST_SCANNED = 12, 1_000_000_000
+
+JPEG_START, END, SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
+# Start of frame, of any coding; after the segment's length and the precision it has height and width.
+FRAMES = [bytes((0xFF, kind)) for kind in range(0xC0, 0xD0) if kind not in (0xC4, 0xC8, 0xCC)]
+# Inside coded samples, 0xFF is followed by 0 or by a restart marker (D0 to D7); these are not matched.
+MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
 # Errors that decoders are known to raise on damaged files.
 DAMAGE = (
@@ -80,8 +92,6 @@ class Picture:
         Parts of the file that a copy cannot keep, in words, such as gain maps and C2PA manifests.
     modified_ns : int, optional
         Time of the file's last change, in ns since 1970.
-    claim : Claim, optional
-        Statement of a signed manifest for results; see :func:`rsdeblur.io.claims.with_claim`.
     """
 
     pixels: NDArray[Any]
@@ -92,7 +102,6 @@ class Picture:
     iptc: bytes | None = None
     losses: tuple[str, ...] = ()
     modified_ns: int | None = None
-    claim: Claim | None = None
 
     @property
     def transfer(self) -> Literal["srgb", "linear"]:
@@ -198,13 +207,7 @@ def is_picture(source: Source) -> bool:
 
 
 def read_header(path: str | os.PathLike[str]) -> tuple[int, int, bytes | None]:
-    """Return width, height and EXIF block of a picture, if possible without decoding it.
-
-    Raises
-    ------
-    FileFormatError
-        See `read_picture`.
-    """
+    """Return width, height and EXIF block of a picture, if possible without decoding it."""
     try:
         with (
             open_file(path, "picture") as file,
@@ -244,8 +247,8 @@ def _decode(data: bytes, suffix: str) -> tuple[NDArray[Any], Metadata]:
         return _tiff.decode(data, min(limit, max(_tiff.BELIEVED_PIXELS, PIXELS_PER_BYTE * len(data))))
     if data.startswith(mapped.NPY_MAGIC):
         return mapped.decode_npy(data, MAX_PIXELS), Metadata()
-    if data.startswith(_jpeg.START):
-        _jpeg.check_scans(data)
+    if data.startswith(JPEG_START):
+        check_scans(data)
     with _size_limit(limit):
         image = Image.open(BytesIO(data), formats=("JPEG", "PNG", "WEBP"))
     with image:
@@ -257,6 +260,20 @@ def _decode(data: bytes, suffix: str) -> tuple[NDArray[Any], Metadata]:
         else:
             pixels = np.array(_with_plain_mode(image))
         return pixels, _metadata.of_image(image, data)
+
+
+def check_scans(data: bytes) -> None:
+    """Refuse a JPEG with too many scans."""
+    place, scans, most = len(JPEG_START), 0, MOST_SCANS
+    while (marker := MARKER.search(data, place)) and marker[0] != END:
+        start = marker.end()
+        if marker[0] in FRAMES:
+            height, width = (int.from_bytes(data[start + n : start + n + 2], "big") for n in (3, 5))
+            most = min(MOST_SCANS, max(ORDINARY_SCANS, MOST_SCANNED // max(height * width, 1)))
+        scans += marker[0] == SCAN
+        if scans > most:
+            raise ValueError(f"the JPEG has more than {most} scans")
+        place = start + int.from_bytes(data[start : start + 2], "big")
 
 
 def _with_plain_mode(image: Image.Image) -> Image.Image:

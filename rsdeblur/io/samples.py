@@ -129,21 +129,7 @@ def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64
 def finish(
     samples: Samples, format: str, unit: str | None, rate: float | None, error: Callable[[str], FileFormatError]
 ) -> GyroFile:
-    """Make the log: scale the rates, repair what is harmless, refuse what is not.
-
-    Raises
-    ------
-    FileFormatError
-        If there are fewer than two samples, a rate is impossible, timestamps conflict, the file has neither timestamps
-        nor a sampling rate or has both, or the samples are those of an accelerometer.
-    InputError
-        If `unit` is unknown or `rate` is not positive.
-
-    Warns
-    -----
-    RsdeblurWarning
-        For each caution of the reader and for each repair.
-    """
+    """Make the log: scale the rates, repair what is harmless, refuse what is not."""
     if unit is not None:
         validate.choice("unit", unit, RATE_UNITS)
     unit = unit or samples.unit
@@ -173,15 +159,7 @@ def _doubts_of_rate(log: GyroLog, samples: Samples) -> list[str]:
 
 
 def finish_acceleration(samples: Samples, unit: str | None, error: Callable[[str], FileFormatError]) -> AccelerationLog:
-    """Make the log of an accelerometer, as `finish` makes that of a gyro.
-
-    Raises
-    ------
-    FileFormatError
-        If timestamps are missing or conflict, or the values are not gravity on average, in the unit.
-    InputError
-        If `unit` is unknown.
-    """
+    """Make the log of an accelerometer, as `finish` makes that of a gyro."""
     if unit is not None:
         validate.choice("unit", unit, ACCELERATION_UNITS)
     unit = unit or samples.unit
@@ -284,13 +262,7 @@ def _repaired(ns: NDArray[np.int64], samples: Samples) -> tuple[NDArray[np.int64
 
 
 def _late(ns: NDArray[np.int64], error_at: ErrorAt) -> int:
-    """Return the number of samples that come after later ones, if they are few and each fills a hole in time.
-
-    Raises
-    ------
-    FileFormatError
-        If sorting would hide a fault: the samples may come from several recordings, or the clock was set back.
-    """
+    """Return the number of samples that come after later ones, if they are few and each fills a hole in time."""
     latest = np.maximum.accumulate(ns)
     (late,) = np.nonzero(ns < latest)
     i = int(late[0])

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rsdeblur.choices import RECORDS, SHARP
+from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import CaptureFile, open_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format
@@ -71,27 +71,6 @@ def open_session(
     Photos are in the folder or in its subfolders. A name that ends in a timestamp in ns, as OpenCamera Sensors writes
     it, selects the nearest capture. A name that ends in a frame number selects that line of the list of encoded frames
     (MARS logger's ``frame_timestamps.txt``) if there is one, else of the captures.
-
-    Parameters
-    ----------
-    folder : path-like
-        The session.
-    gyro, capture : Path, optional
-        The gyro log and the capture file, if they are not to be looked for in the folder.
-    numbered_from : int, optional
-        Number of the first frame. By default it follows from a photo that is numbered 0 or like the last frame.
-    without : Path, optional
-        A subfolder to ignore, such as the folder of the results.
-
-    Returns
-    -------
-    Session
-        The files, and the exposure of each photo.
-
-    Raises
-    ------
-    FileFormatError
-        If there is no gyro log, no capture file or no photo, or no photo's name contains a number.
     """
     folder = Path(folder)
     files = files_in(folder, without=without)
@@ -115,7 +94,7 @@ def files_in(folder: Path, *, without: Path | None = None) -> list[Path]:
 
     Files of the subfolder `without` and those of subfolders with results of a batch are left out.
     """
-    results = {path.parent for path in folder.glob(f"*/{RECORDS}")} | {without} - {folder}
+    results = {path.parent for path in folder.glob(f"*/{BATCH}")} | {without} - {folder}
     files = sorted([*folder.glob("*"), *folder.glob("*/*")])
     return [path for path in files if path.is_file() and path.parent not in results]
 

@@ -81,13 +81,7 @@ class TextFile:
 
     @classmethod
     def parse(cls, path: Path, data: bytes, what: str) -> TextFile:
-        """Decode the content of `path`; messages call it a `what`.
-
-        Raises
-        ------
-        FileFormatError
-            If it is empty or not text.
-        """
+        """Decode the content of `path`; messages call it a `what`."""
         try:
             text = data.decode("utf-16" if data.startswith(UTF16_MARKS) else "utf-8-sig")
         except UnicodeDecodeError:
@@ -189,13 +183,7 @@ class Table:
             raise self.text.error(message, self.rows[beyond[0]])
 
     def nanoseconds(self, unit: Decimal) -> NDArray[np.int64]:
-        """Return the timestamps as whole nanoseconds, halves rounded to even; `unit` is the file's unit in ns.
-
-        Raises
-        ------
-        FileFormatError
-            If a timestamp is beyond the range of int64.
-        """
+        """Return the timestamps as whole nanoseconds, halves rounded to even; `unit` is the file's unit in ns."""
         self.check_range(unit)
         whole = self.timestamps.dtype == np.int64
         if whole and unit == int(unit):
@@ -262,14 +250,7 @@ def is_number(cell: str) -> bool:
 
 
 def read_table(text: TextFile, rows: Rows | Sequence[int], columns: Sequence[int]) -> Table:
-    """Read `columns` (first the timestamp's, then the values') of `rows`.
-
-    Raises
-    ------
-    FileFormatError
-        If there are no rows, the last line is cut off, a row has too few columns, or a cell is not a finite number;
-        names the line.
-    """
+    """Read `columns` (first the timestamp's, then the values') of `rows`."""
     rows = np.asarray(rows, dtype=np.intp)
     if not len(rows):
         raise text.error("the file contains no samples")

@@ -17,9 +17,8 @@ from rsdeblur.io.columns import (
     layout_grid,
     named_columns,
 )
-from rsdeblur.io.formats import Format, choose, text_format
 from rsdeblur.io.samples import ordered, table_samples
-from rsdeblur.io.source import Source
+from rsdeblur.io.source import Format, Source, choose, text_format
 from rsdeblur.io.text import Table, TextFile, line_error, read_table
 from rsdeblur.motion.trajectory import Trajectory
 

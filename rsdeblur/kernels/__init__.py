@@ -1,4 +1,4 @@
-"""Inner loops in C or Numba, each with a readable NumPy twin: `name` and `name_numpy`.
+"""Inner loops in C, with NumPy functions `name_numpy` where it is missing, or in Numba.
 
 The functions do not check their arguments. `native` is the C extension, or None; then `why_pure` says why. The
 environment variable ``RSDEBLUR_PURE=1``, read when this package is imported, turns the extension off.

@@ -1,4 +1,4 @@
-"""Brightness of a picture at full size and its colours at half size, and back: Numba kernels and their NumPy twins.
+"""Brightness of a picture at full size and its colours at half size, and back.
 
 On the way back, each colour is a linear function of the brightness in a small window, as in the guided filter [1]_. The
 function is found at half size, where both are known, and evaluated at full size, where the brightness is.
@@ -9,8 +9,6 @@ function is found at half size, where both are known, and evaluated at full size
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import share
@@ -67,15 +65,6 @@ def separate(light: FloatImage, threads: int | None = None) -> tuple[FloatImage,
     luma, half = empty((height, width, 1), np.float32), empty((-(-height // 2), -(-width // 2), 3), np.float32)
     tops = range(0, len(half), ROWS)
     share(lambda _, top: _separate(light, top, min(top + ROWS, len(half)), luma, half), tops, threads)
-    return luma, half
-
-
-def separate_numpy(light: FloatImage) -> tuple[FloatImage, FloatImage]:
-    """Readable twin of :func:`separate`."""
-    luma = light @ np.array([[RED], [GREEN], [BLUE]])
-    height, width = light.shape[:2]
-    even = np.pad(light, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
-    half = (even[::2, ::2] + even[::2, 1::2] + even[1::2, ::2] + even[1::2, 1::2]) * np.float32(0.25)
     return luma, half
 
 
@@ -171,27 +160,3 @@ def join(luma: FloatImage, half: FloatImage, peak: float, out: FloatImage, threa
     tops, lasts = range(0, len(half), ROWS), range(0, len(out), 2 * ROWS)
     share(lambda _, top: _fit(half, top, min(top + ROWS, len(half)), flat, dark, lines), tops, threads)
     share(lambda _, top: _evaluate(lines, luma, top, min(top + 2 * ROWS, len(out)), out), lasts, threads)
-
-
-def join_numpy(luma: FloatImage, half: FloatImage, peak: float, out: FloatImage) -> None:
-    """Readable twin of :func:`join`."""
-    own = half @ np.array([[RED], [GREEN], [BLUE]])
-    mean, square, colour, product = (
-        uniform_filter(values, 3, mode="nearest", axes=(0, 1)) for values in (own, own * own, half, own * half)
-    )
-    flat, dark = (max(np.float32(share), TINY) for share in (FLAT * peak**2, DARK * peak))
-    ratio = np.minimum((np.maximum(colour, 0) + dark) / (np.maximum(mean, 0) + dark), MOST_RATIO)
-    slope = (product - mean * colour + flat * ratio) / (np.maximum(square - mean * mean, 0) + flat)
-    slope, offset = (_doubled(values, luma.shape) for values in (slope, half - slope * own))
-    out[...] = slope * luma + offset
-
-
-def _doubled(values: NDArray[np.floating], shape: tuple[int, ...]) -> NDArray[np.floating]:
-    """Return a picture at twice its size, interpolated linearly, cut to a shape."""
-    for axis in (0, 1):
-        ahead = np.concatenate([values.take([0], axis), values.take(range(values.shape[axis] - 1), axis)], axis)
-        after = np.concatenate([values.take(range(1, values.shape[axis]), axis), values.take([-1], axis)], axis)
-        pairs = np.stack([0.75 * values + 0.25 * ahead, 0.75 * values + 0.25 * after], axis + 1)
-        values = pairs.reshape(*values.shape[:axis], -1, *values.shape[axis + 1 :])
-        values = values.take(range(shape[axis]), axis)
-    return values

@@ -1,4 +1,4 @@
-"""Energy of the gradient of a picture at half its size: the Numba kernel and its NumPy twin.
+"""Energy of the gradient of a picture at half its size.
 
 A pixel at half the size is the mean of 2 x 2 pixels; an odd last row or column is left out.
 """
@@ -53,12 +53,3 @@ def halved_gradient_energy(light: Float32Array) -> float:
         Linear light, of at least 2 x 2 px.
     """
     return float(_energy(read_only(light)))
-
-
-def halved_gradient_energy_numpy(light: Float32Array) -> float:
-    """Readable twin of :func:`halved_gradient_energy`."""
-    height, width = (n - n % 2 for n in light.shape[:2])
-    even = light[:height, :width]
-    halved = QUARTER * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2])
-    squares = sum(np.square(np.diff(halved, axis=axis), dtype=np.float64).sum() for axis in (0, 1))
-    return float(squares / (halved.shape[0] * halved.shape[1]))

@@ -1,4 +1,4 @@
-"""Extrapolation of an iteration by a share of its last change: the Numba kernel and its NumPy twin."""
+"""Extrapolation of an iteration by a share of its last change."""
 
 from __future__ import annotations
 
@@ -55,12 +55,4 @@ def extrapolate(before: Float32Array, after: Float32Array, ahead: np.float32) ->
         Sums of the squares of `after - before` and of `after`.
     """
     change, norm = _extrapolate(before.reshape(-1), after.reshape(-1), ahead)
-    return float(change), float(norm)
-
-
-def extrapolate_numpy(before: Float32Array, after: Float32Array, ahead: np.float32) -> tuple[float, float]:
-    """Readable twin of :func:`extrapolate`."""
-    step = after - before
-    before[...] = after + ahead * step
-    change, norm = (np.square(values, dtype=np.float64).sum() for values in (step, after))
     return float(change), float(norm)

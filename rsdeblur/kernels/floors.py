@@ -1,4 +1,4 @@
-"""Noise and model error of tiles, fitted to their periodograms: the Numba kernel and its NumPy twin.
+"""Noise and model error of tiles, fitted to their periodograms.
 
 The power expected of a tile is `V = g_c (E + e^2 D) + (a_o + b_o m) N`. E is the power of scene and blur, D that which
 an error of 1 px of the paths adds, N that of white noise, and m the tile's brightness. Each cell c of neighbouring
@@ -129,31 +129,6 @@ def fit_floors(tiles: TilePowers, start: tuple[float, float], steps: int, weight
     noises, mean = _first_noises(tiles, start[0]), tiles.brightness.mean()
     squared = _fit(tiles, noises, start[1], _first_gains(tiles), steps, start[1], weight)
     return noises[0] + noises[1] * mean, float(squared)
-
-
-def fit_floors_numpy(
-    tiles: TilePowers, start: tuple[float, float], steps: int, weight: float
-) -> tuple[FloatArray, float]:
-    """Readable twin of :func:`fit_floors`."""
-    starts, sizes = tiles.cells[:-1], np.diff(tiles.cells)
-    gains, (squared, prior), bright = _first_gains(tiles), 2 * start[1:], tiles.brightness[:, None]
-    even, brighter = _first_noises(tiles, start[0])
-    octave = np.repeat(tiles.octaves, sizes)
-    members = np.equal.outer(octave, np.arange(len(even)))
-    for _ in range(steps):
-        scene, floor = tiles.blurred + squared * tiles.error, even[octave] + brighter[octave] * bright
-        known = 1 / (np.repeat(gains, sizes, axis=1) * scene + floor * tiles.noise)
-        surprise = tiles.measured * known**2
-        gains = gains * np.add.reduceat(surprise * scene, starts, 1) / np.add.reduceat(known * scene, starts, 1)
-        each = np.repeat(gains, sizes, axis=1)
-        known = 1 / (each * scene + floor * tiles.noise)
-        surprise = tiles.measured * known**2
-        ups, downs = surprise * tiles.noise @ members, known * tiles.noise @ members
-        even = even * ups.sum(axis=0) / downs.sum(axis=0)
-        brighter = brighter * (ups * bright).sum(axis=0) / (downs * bright).sum(axis=0)
-        up, down = weight * prior / squared**2, weight / squared
-        squared *= (up + (each * surprise * tiles.error).sum()) / (down + (each * known * tiles.error).sum())
-    return even + brighter * bright.mean(), float(squared)
 
 
 def _first_noises(tiles: TilePowers, variance: float) -> FloatArray:

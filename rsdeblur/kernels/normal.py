@@ -1,4 +1,4 @@
-"""The normal equations of tiles, one per frequency: Numba kernels and their NumPy twins.
+"""The normal equations of tiles, one per frequency.
 
 Shapes: bands B, channels C, columns K, tile length L.
 """
@@ -6,7 +6,6 @@ Shapes: bands B, channels C, columns K, tile length L.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rsdeblur.kernels._jit import njit
 
@@ -46,19 +45,6 @@ def add_normal(spectra, otfs, share, first, signal, power):
                     imag = share * (h.real * g.imag - h.imag * g.real)
                     here = np.complex64(complex(real, imag))
                     signal[b, c, k, j] = here if first else signal[b, c, k, j] + here
-
-
-def add_normal_numpy(
-    spectra: NDArray[np.complex64],
-    otfs: NDArray[np.complex64],
-    share: float,
-    first: bool,
-    signal: NDArray[np.complex64],
-    power: NDArray[np.float32],
-) -> None:
-    """Readable twin of :func:`add_normal`."""
-    signal[...] = share * otfs.conj()[:, None] * spectra + (0 if first else signal)
-    power[...] = share * np.abs(otfs) ** 2 + (0 if first else power)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -101,21 +87,3 @@ def solve_normal(signal, power, across, down, nsr, coupling, pull, scale, spectr
                     real = gain * (norm * s.real + pull * v.real)
                     imag = gain * (norm * s.imag + pull * v.imag)
                     spectra[b, c, k, j] = np.complex64(complex(real, imag))
-
-
-def solve_normal_numpy(
-    signal: NDArray[np.complex64],
-    power: NDArray[np.float32],
-    across: NDArray[np.float32],
-    down: NDArray[np.float32],
-    nsr: float,
-    coupling: tuple[float, float, float],
-    pull: float,
-    scale: float,
-    spectra: NDArray[np.complex64],
-) -> None:
-    """Readable twin of :func:`solve_normal`."""
-    picture, gradient, bend = coupling
-    squared = across[:, None] + down
-    gains = scale / np.maximum(power + nsr + picture + gradient * squared + bend * squared**2, TINY)
-    spectra[...] = gains[:, None] * ((1 + nsr) * signal + pull * spectra)

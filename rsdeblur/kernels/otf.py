@@ -1,4 +1,4 @@
-"""What surrounds the two Fourier transforms of an OTF: Numba kernels and their NumPy twins.
+"""What surrounds the two Fourier transforms of an OTF.
 
 A transform of a small grid around the origin goes first along the rows, then along the columns, some of them at a time.
 Each kernel takes what one transform left to where the next one needs it, in one call: many tiles are planned at once,
@@ -45,13 +45,6 @@ def rows_around_origin(grid: NDArray[np.floating], factor: float, rows: Float32A
     _rows_around_origin(grid, factor, rows)
 
 
-def rows_around_origin_numpy(grid: NDArray[np.floating], factor: float, rows: Float32Array) -> None:
-    """Readable twin of :func:`rows_around_origin`."""
-    padded = np.zeros(rows.shape)
-    padded[:, : grid.shape[1]] = grid * factor
-    rows[...] = np.roll(padded, -(grid.shape[1] // 2), axis=1)
-
-
 # Real and imaginary parts alternate: such loops become SIMD code.
 @njit(nogil=True)
 def _columns_around_origin(spectrum, gains, first, columns):
@@ -85,14 +78,6 @@ def columns_around_origin(spectrum: ComplexArray, gains: Float32Array, first: in
         Receives K columns, M >= n; those beyond F and all other values become 0.
     """
     _columns_around_origin(spectrum.view(np.float32), gains, first, columns.view(np.float32))
-
-
-def columns_around_origin_numpy(spectrum: ComplexArray, gains: Float32Array, first: int, columns: ComplexArray) -> None:
-    """Readable twin of :func:`columns_around_origin`."""
-    part = (spectrum * gains)[:, first : first + len(columns)].T
-    columns[...] = 0
-    columns[: len(part), : part.shape[1]] = part
-    columns[...] = np.roll(columns, -(len(spectrum) // 2), axis=1)
 
 
 @njit(nogil=True)
@@ -131,15 +116,6 @@ def lowest_frequencies(spectra: ComplexArray, gains: Float32Array, out: ComplexA
     _lowest_frequencies(spectra.view(np.float32), gains, out.view(np.float32))
 
 
-def lowest_frequencies_numpy(spectra: ComplexArray, gains: Float32Array, out: ComplexArray) -> None:
-    """Readable twin of :func:`lowest_frequencies`."""
-    length, half = len(gains), len(gains) // 2
-    out[:, : length - half], out[:, length - half :] = spectra[:, : length - half], spectra[:, -half:]
-    if length % 2 == 0:
-        out[:, half] = (spectra[:, -half] + spectra[:, half]) / 2
-    out *= gains
-
-
 @njit(nogil=True)
 def _put_columns(columns, block, band, out):
     together = out.shape[2]
@@ -163,10 +139,3 @@ def put_columns(columns: ComplexArray, block: int, band: int, out: ComplexArray)
         Blocks of K columns.
     """
     _put_columns(columns, block, band, out)
-
-
-def put_columns_numpy(columns: ComplexArray, block: int, band: int, out: ComplexArray) -> None:
-    """Readable twin of :func:`put_columns`."""
-    target = out[block:, band]
-    blocks = columns.reshape(-1, *target.shape[1:])[: len(target)]
-    target[: len(blocks)] = blocks

@@ -1,4 +1,4 @@
-"""Power spectra of PSFs as a windowed periodogram sees them: the Numba kernel and its NumPy twin."""
+"""Power spectra of PSFs as a windowed periodogram sees them."""
 
 from __future__ import annotations
 
@@ -50,13 +50,3 @@ def smoothed_power(spectra: ComplexArray) -> NDArray[np.float32]:
     out = np.empty(spectra.shape, np.float32)
     _smoothed_power(read_only(spectra), out)
     return out
-
-
-def smoothed_power_numpy(spectra: ComplexArray) -> NDArray[np.float32]:
-    """Readable twin of :func:`smoothed_power`."""
-    half = np.abs(spectra) ** 2
-    before, after = (np.roll(half[..., ::-1, n], 1, axis=-1)[..., None] for n in (1, -2))
-    power = np.concatenate([before, half, after], axis=-1)
-    power = HERE * power + ASIDE * (np.roll(power, 1, 1) + np.roll(power, -1, 1))
-    smoothed: NDArray[np.float32] = HERE * power[..., 1:-1] + ASIDE * (power[..., :-2] + power[..., 2:])
-    return smoothed

@@ -1,4 +1,4 @@
-"""Values of a spline between the pixels of a picture: the Numba kernel and its NumPy twin.
+"""Values of a spline between the pixels of a picture.
 
 The picture is given as quintic B-spline coefficients. Beyond its edges it is mirrored.
 """
@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from rsdeblur._util.threads import share_range
 from rsdeblur.kernels._jit import njit
@@ -171,12 +170,6 @@ def to_spline(picture: FloatImage, threads: int | None = None) -> None:
     share_range(lambda first, stop: _filter_columns(first, stop, picture), blocks, threads)
 
 
-def to_spline_numpy(picture: FloatImage) -> None:
-    """Readable twin of :func:`to_spline`."""
-    for c in range(picture.shape[2]):
-        picture[..., c] = ndimage.spline_filter(picture[..., c], ORDER, output=np.float32, mode="mirror")
-
-
 def sample(
     coefficients: FloatImage, x: NDArray[np.float32], y: NDArray[np.float32], threads: int | None = None
 ) -> FloatImage:
@@ -201,15 +194,3 @@ def sample(
     per_pixel = (0,) * channels
     share_range(lambda first, stop: _sample(first, stop, coefficients, x, y, out, per_pixel), len(out), threads)
     return out
-
-
-def sample_numpy(coefficients: FloatImage, x: NDArray[np.float32], y: NDArray[np.float32]) -> FloatImage:
-    """Readable twin of :func:`sample`."""
-    known = (np.abs(x) < FARTHEST) & (np.abs(y) < FARTHEST)
-    places = np.where(known, np.stack([y, x]), 0.0)
-    channels = [
-        ndimage.map_coordinates(part, places, order=ORDER, mode="mirror", prefilter=False, output=np.float32)
-        for part in np.moveaxis(coefficients, -1, 0)
-    ]
-    values: FloatImage = np.where(known[..., None], np.stack(channels, axis=-1), np.float32(np.nan))
-    return values

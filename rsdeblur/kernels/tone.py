@@ -1,4 +1,4 @@
-"""Tone curves: from integers to linear light by a table, and that of sRGB back; Numba kernels and their NumPy twins."""
+"""Tone curves: from integers to linear light by a table, and that of sRGB back."""
 
 from __future__ import annotations
 
@@ -37,11 +37,6 @@ def look_up(table: Float32Array, values: Stored, light: Float32Array) -> None:
         Receives linear light.
     """
     _look_up(read_only(table), read_only(values).reshape(-1), light.reshape(-1))
-
-
-def look_up_numpy(table: Float32Array, values: Stored, light: Float32Array) -> None:
-    """Readable twin of :func:`look_up`."""
-    light[...] = table[values]
 
 
 # NumPy's vectorised power is several times as fast as Numba's; to choose between both parts of the curve, it is slower.
@@ -92,17 +87,3 @@ def to_srgb_levels(light: Float32Array, dtype: np.dtype[Any]) -> tuple[NDArray[A
     levels = np.empty(light.shape, dtype)
     is_finite = _round(light.reshape(-1), values.reshape(-1), np.float32(np.iinfo(dtype).max), levels.reshape(-1))
     return levels, is_finite
-
-
-def to_srgb_levels_numpy(light: Float32Array, dtype: np.dtype[Any]) -> tuple[NDArray[Any], bool]:
-    """Readable twin of :func:`to_srgb_levels`."""
-    values = np.nan_to_num(to_srgb_numpy(light)).clip(0.0, 1.0) * np.float32(np.iinfo(dtype).max)
-    return np.rint(values).astype(dtype), bool(np.isfinite(light).all())
-
-
-def to_srgb_numpy(light: Float32Array) -> Float32Array:
-    """Readable twin of :func:`to_srgb`."""
-    magnitude = np.abs(light)
-    values = np.where(magnitude <= END, magnitude * SLOPE, magnitude ** np.float32(1 / GAMMA) * SCALE - OFFSET)
-    encoded: Float32Array = np.copysign(values, light)
-    return encoded

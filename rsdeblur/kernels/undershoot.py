@@ -1,4 +1,4 @@
-"""Light below black, measured in cells and faded out: Numba kernels and their NumPy twins."""
+"""Light below black, measured in cells and faded out."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.kernels._jit import njit
-from rsdeblur.types import Float32Array, FloatImage
+from rsdeblur.types import Float32Array
 
 # Indices (n,) of the cells before and after each of n pixels, and how near each is to the latter, from 0 to 1.
 Between = tuple[NDArray[np.intp], NDArray[np.intp], Float32Array]
@@ -40,14 +40,6 @@ def depths(light, step, below):
             below[m, n] = total / np.float32((bottom - top) * (right - left))
 
 
-def depths_numpy(light: FloatImage, step: int, below: Float32Array) -> None:
-    """Readable twin of :func:`depths`."""
-    depth = -np.minimum(light.min(axis=2), 0)
-    tops, lefts = (np.arange(0, n, step) for n in depth.shape)
-    areas = np.multiply.outer(*(np.diff([*range(0, n, step), n]) for n in depth.shape))
-    below[...] = np.add.reduceat(np.add.reduceat(depth, tops, axis=0), lefts, axis=1) / areas
-
-
 @njit(nogil=True)
 def fade_to(sharp, blurred, weight, down, across):
     """Fade sharp light towards blurred light, by weights that are interpolated bilinearly between cells.
@@ -72,11 +64,3 @@ def fade_to(sharp, blurred, weight, down, across):
             if share != 0:
                 for c in range(sharp.shape[2]):
                     sharp[y, x, c] += share * (blurred[y, x, c] - sharp[y, x, c])
-
-
-def fade_to_numpy(sharp: FloatImage, blurred: FloatImage, weight: Float32Array, down: Between, across: Between) -> None:
-    """Readable twin of :func:`fade_to`."""
-    (above, under, low), (left, right, far) = down, across
-    lines = weight[above] + low[:, None] * (weight[under] - weight[above])
-    share = lines[:, left] + far * (lines[:, right] - lines[:, left])
-    sharp += share[..., None] * (blurred - sharp)

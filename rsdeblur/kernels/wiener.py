@@ -1,4 +1,4 @@
-"""Wiener filters of OTFs: the Numba kernel and its NumPy twin."""
+"""Wiener filters of OTFs."""
 
 from __future__ import annotations
 
@@ -40,12 +40,3 @@ def invert(otfs: ComplexArray, nsr: np.float32, scale: np.float32, block: int, b
         The filters.
     """
     _invert(otfs, nsr, scale, block, band, out)
-
-
-def invert_numpy(
-    otfs: ComplexArray, nsr: np.float32, scale: np.float32, block: int, band: int, out: ComplexArray
-) -> None:
-    """Readable twin of :func:`invert`."""
-    target = out[block:, band]
-    columns = otfs.reshape(-1, *target.shape[1:])[: len(target)]
-    target[: len(columns)] = columns.conj() * (scale / (np.square(columns.real) + np.square(columns.imag) + nsr))

@@ -1,7 +1,7 @@
-"""Frames of YCbCr whose colours have half the resolution, to RGB and back: Numba kernels and their NumPy twins.
+"""Frames of YCbCr whose colours have half the resolution, to RGB and back.
 
 A colour is the mean of the 2 x 2 pixels around it. On the way to RGB, colours are interpolated linearly down the frame,
-which averages some of their noise (docs/developer/decisions/several.md). FFmpeg's conversion takes four times as long.
+which averages some of their noise (docs/developer/decisions.md). FFmpeg's conversion takes four times as long.
 """
 
 from __future__ import annotations
@@ -103,22 +103,6 @@ def to_rgb(luma: Stored, cb: Stored, cr: Stored, coding: Coding, rgb: Rgb16) -> 
     _to_rgb(read_only(luma), read_only(cb), read_only(cr), coding, rgb.reshape(len(rgb), -1))
 
 
-def to_rgb_numpy(luma: Stored, cb: Stored, cr: Stored, coding: Coding, rgb: Rgb16) -> None:
-    """Readable twin of :func:`to_rgb`."""
-    height, width = luma.shape
-    level = (luma - coding.black) / coding.luma_span
-    near = np.arange(height) // 2
-    other = (near + np.where(np.arange(height) % 2, 1, -1)).clip(0, len(cb) - 1)
-    blue, red = (
-        ((0.75 * part[near] + 0.25 * part[other] - coding.grey) / coding.chroma_span).repeat(2, axis=1)[:, :width]
-        for part in (cb, cr)
-    )
-    red, blue = 2 * (1 - coding.red) * red, 2 * (1 - coding.blue) * blue
-    green = -(coding.red * red + coding.blue * blue) / (1 - coding.red - coding.blue)
-    values = np.stack([level + red, level + green, level + blue], axis=-1)
-    rgb[...] = np.floor(values.clip(0, 1) * FULL + HALF)
-
-
 @njit(nogil=True, error_model="numpy")
 def _from_rgb(rgb, coding, luma, cb, cr):
     red, blue, black, luma_span, grey, chroma_span = coding
@@ -161,15 +145,3 @@ def from_rgb(rgb: Rgb16, coding: Coding, luma: Stored, cb: Stored, cr: Stored) -
         Receive the colours, of the same type; the last row and column of odd sizes count twice.
     """
     _from_rgb(read_only(rgb).reshape(len(rgb), -1), coding, luma, cb, cr)
-
-
-def from_rgb_numpy(rgb: Rgb16, coding: Coding, luma: Stored, cb: Stored, cr: Stored) -> None:
-    """Readable twin of :func:`from_rgb`."""
-    height, width = luma.shape
-    values = rgb / FULL
-    level = values @ np.array([coding.red, 1 - coding.red - coding.blue, coding.blue])
-    luma[...] = np.floor(level * coding.luma_span + coding.black + HALF)
-    for part, channel, weight in ((cb, 2, coding.blue), (cr, 0, coding.red)):
-        even = np.pad((values[..., channel] - level) / (2 * (1 - weight)), ((0, height % 2), (0, width % 2)), "edge")
-        means = even.reshape(even.shape[0] // 2, 2, -1, 2).mean(axis=(1, 3))
-        part[...] = np.floor((means * coding.chroma_span + coding.grey + HALF).clip(0, 2 * coding.grey - 1))

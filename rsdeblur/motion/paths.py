@@ -411,12 +411,16 @@ class BlurPaths:
 
     @property
     def change_down(self) -> float:
-        """Largest change of the path from row to row, in px per height of the grid.
+        """Largest change of the path from row to row, in px per height of the evenly spaced grid.
 
         The difference of two paths is the largest distance between their points at equal fractions of the exposure.
         """
-        steps = np.linalg.norm(np.diff(self.displacements, axis=0), axis=-1)
-        return float(steps.max(initial=0.0)) * (len(self.rows) - 1)
+        return self._derivative(1, axis=0)
+
+    @property
+    def change_across(self) -> float:
+        """Largest change of the path from column to column, in px per width of the evenly spaced grid."""
+        return self._derivative(1, axis=1)
 
     @property
     def curvature_down(self) -> float:
@@ -424,16 +428,17 @@ class BlurPaths:
 
         Paths interpolated linearly between N equal parts of the height err by about `curvature_down / (8 N^2)` px.
         """
-        return self._curvature(0, len(self.rows))
+        return self._derivative(2, axis=0)
 
     @property
     def curvature_across(self) -> float:
         """Largest second derivative of the path from column to column, in px per squared width of the grid."""
-        return self._curvature(1, len(self.cols))
+        return self._derivative(2, axis=1)
 
-    def _curvature(self, axis: int, points: int) -> float:
-        bends = np.linalg.norm(np.diff(self.displacements, n=2, axis=axis), axis=-1)
-        return float(bends.max(initial=0.0)) * (points - 1) ** 2
+    def _derivative(self, order: int, *, axis: int) -> float:
+        differences = np.linalg.norm(np.diff(self.displacements, n=order, axis=axis), axis=-1)
+        parts = float(self.displacements.shape[axis] - 1)
+        return float(differences.max(initial=0.0) * parts**order)
 
     @property
     def lengths(self) -> FloatArray:

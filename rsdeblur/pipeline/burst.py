@@ -284,12 +284,12 @@ def check_burst(
         if np.shape(image) != np.shape(images[0]):
             raise InputError(f"frame {n} has shape {np.shape(image)}, frame 0 has {np.shape(images[0])}")
     if options.border == "unknown":
-        raise InputError('a burst cannot be deblurred with border="unknown"; use border="smooth", or leave it out')
+        raise InputError('a burst cannot be deblurred with border="unknown"; leave it out')
 
 
 def _suited_mode(options: Options, captures: Iterable[Capture]) -> Mode:
     """Return the mode of the quality, or "rowwise" where tiles cannot follow the blur of every frame."""
-    may_differ = options.quality == "balanced" and options.bands == "auto" and options.boundary_in_effect is None
+    may_differ = options.quality == "balanced" and options.bands == "auto"
     return "rowwise" if may_differ and max(map(tile_error, captures)) > MOST_TILE_ERROR else options.mode_in_effect
 
 

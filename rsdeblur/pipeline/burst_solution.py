@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share_map
 from rsdeblur.choices import EXPONENT
-from rsdeblur.deconv.boundary import extended, extended_shape
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.estimate.blur_spectra import KERNELS, BlurSpectra
@@ -92,7 +91,7 @@ class BurstSolution:
         """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
         reference = self.frames[0]
         meter = UndershootMeter(reference.encoded.shape[0])
-        whole = options.geometry == "rectify" or options.normalize or options.boundary_in_effect is not None
+        whole = options.geometry == "rectify" or options.normalize
         memory = None if whole else self._memory(options.max_memory)
         coverage = solve_chunks(
             reference.split,
@@ -122,12 +121,11 @@ class BurstSolution:
         # Free its memory before the next solver is planned.
         del alone
         solver = self._plan_solver(chunk, light.shape)
-        height, width, _ = light.shape
         return solver.apply(
-            self._extended(self._lights(chunk, light, single), chunk),
+            self._lights(chunk, light, single),
             prior=self.together.latent_prior,
             progress=lambda share: progress((1 + 2 * share) / 3),
-        )[:height, :width]
+        )
 
     def _lights(self, chunk: Chunk, light: FloatImage, single: FloatImage) -> Iterator[FloatImage]:
         """Yield the light of all frames at the rows of a chunk of the reference, that of the reference first.
@@ -147,22 +145,10 @@ class BurstSolution:
                 mixed += blurred
             yield shown
 
-    def _extended(self, lights: Iterable[FloatImage], chunk: Chunk) -> Iterator[FloatImage]:
-        """Make the light of the frames periodic, if that is how the border is solved."""
-        boundary = self.together.boundary
-        for n, light in enumerate(lights):
-            if boundary is None:
-                yield light
-            else:
-                bank = self._drawn(n, chunk).padded(chunk.bank.size) if n else chunk.bank
-                yield extended(light, bank, boundary)
-
     def _plan_solver(self, chunk: Chunk, shape: tuple[int, int, int]) -> BurstQuadratic | RowBurst:
         """Plan the solver of all frames together for a chunk whose light has the given shape."""
         settings = self.together
         if settings.mode != "rowwise":
-            if settings.boundary is not None:
-                shape = extended_shape(shape, chunk.bank, settings.boundary)
             banks = [self._drawn(n, chunk) for n in range(1, len(self.frames))]
             return BurstQuadratic(
                 [chunk.bank, *banks], self.shares, shape, wiener=settings.weight is None, **settings.engine

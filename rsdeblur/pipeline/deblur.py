@@ -34,7 +34,7 @@ from rsdeblur.pipeline.plan import DeblurResult, plan, plan_for
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Denoiser, Progress
 
-# Noise-to-signal ratio that decides the automatic number of bands when there is no picture to derive it from.
+# Noise-to-signal ratio that decides the automatic numbers of tiles when there is no picture to derive it from.
 NSR = 0.01
 
 
@@ -119,16 +119,14 @@ def deblur(
         Resolution of the colours. "half" restores the brightness at full resolution and the colours at half of it, as
         JPEG and video store them (:mod:`rsdeblur.deconv.chroma`): priors on derivatives take three quarters to four
         fifths of the time. It goes with these and with "wiener", but not with "rowwise" or ``border="unknown"``, and
-        applies to RGB pictures with a blur of some pixels. "auto" is "half" with priors on derivatives and with
-        ``quality="fast"``.
+        applies to RGB pictures with a blur of some pixels. "auto" is "half" with "tv", "hyper-laplacian" and
+        ``quality="fast"``; "full" keeps results of "wiener" and "gradient" linear in the picture.
     geometry : {"keep", "rectify"}
         Keep the rolling-shutter shape, or resample the picture to the middle row's mid-exposure.
-    border : {"auto", "blend", "periodic", "reflect", "edge-taper", "smooth", "unknown"}
+    border : {"auto", "blend", "periodic", "unknown"}
         How the picture continues beyond its frame; "auto" is "blend". See :class:`rsdeblur.Deconvolver` for "blend" and
-        "periodic". "reflect" mirrors the picture without a blend; "edge-taper" fades its borders into the blurred
-        picture; "smooth" fills in values whose Laplacian is zero, in the manner of Liu and Jia (2008). "unknown" solves
-        for what the camera would have recorded there (Reeves 2005; Almeida and Figueiredo 2013): it takes two to four
-        times as long, and every prior but "wiener". "rowwise" takes the first three only.
+        "periodic". "unknown" solves for what the camera would have recorded there (Reeves 2005; Almeida and Figueiredo
+        2013): it takes two to four times as long, and every prior but "wiener". "rowwise" takes the first three only.
     motion : {"rotation", "small-angle"}
         Paths of the full homography, or the approximation of eq. 6 of Sindelar and Sroubek (2013).
     translation : Translation, optional
@@ -247,7 +245,7 @@ def psfs(
     log, camera, exposure, mode, bands, strips
         See :func:`deblur`.
     nsr : float, default 0.01
-        Noise-to-signal ratio that decides the automatic number of bands; :func:`deblur` derives it from the picture.
+        Noise-to-signal ratio that decides the automatic numbers of tiles; :func:`deblur` derives it from the picture.
     motion, translation, softness
         See :func:`deblur`.
 

@@ -67,7 +67,7 @@ def deconvolve(
         each PSF sums to 1; see :class:`rsdeblur.PsfBank` for the orientation.
     quality, prior, weight, exponent, nsr, noise
         See :func:`rsdeblur.deblur`.
-    border : {"auto", "blend", "periodic", "reflect", "edge-taper", "smooth", "unknown"}
+    border : {"auto", "blend", "periodic", "unknown"}
         See :func:`rsdeblur.deblur`. "auto" is "unknown", but "blend" with ``prior="wiener"`` or `max_memory`. With
         "periodic", the automatic strengths take it that the picture was blurred so.
     transfer, normalize, saturation, planning, threads, max_memory, out, progress

@@ -23,7 +23,7 @@ from rsdeblur.types import FloatArray
 
 # Rows read beyond those written, in heights K of the PSF. The filter's response decays over K / (2 pi sqrt(nsr)), and
 # the modes "global" and "rowwise" read four times that. Tiles read no further than their margin; with priors, that of
-# tiles is enough in every mode (docs/developer/decisions/several.md).
+# tiles is enough in every mode (docs/developer/decisions.md).
 DECAY_REACH, LEAST_REACH = 0.64, 2.5
 MORE_THAN_MARGIN = 0.5
 PRIOR_REACH = MARGIN

@@ -151,7 +151,7 @@ class Options:
         if boundary == "unknown" and prior == "wiener":
             raise InputError(
                 'prior="wiener" takes no border="unknown", which needs a prior that takes several steps; use '
-                'border="smooth", or another prior'
+                'border="blend", or another prior'
             )
         if self.chroma == "half" and not self._may_halve_chroma:
             raise InputError(
@@ -187,10 +187,12 @@ class Options:
     def chroma_in_effect(self) -> Chroma:
         """The resolution of the colours, where pictures and blur permit half of it.
 
-        With ``prior="wiener"`` alone the result is linear in the picture, as in the published method.
+        The results of "wiener", the published method, and "gradient" are linear in the picture, unless chroma="half" or
+        quality="fast" asks for half.
         """
-        linear = self.prior_in_effect == "wiener" and self.quality != "fast"
-        halves = self.chroma == "half" or (self.chroma == "auto" and self._may_halve_chroma and not linear)
+        prior = self.prior_in_effect
+        is_default = prior in ("tv", "hyper-laplacian") or (prior == "wiener" and self.quality == "fast")
+        halves = self.chroma == "half" or (self.chroma == "auto" and self._may_halve_chroma and is_default)
         return "half" if halves else "full"
 
     @property
@@ -200,7 +202,7 @@ class Options:
 
     @property
     def boundary_in_effect(self) -> Boundary | None:
-        """The method that makes the picture periodic before it is solved; None if the solver does so itself."""
+        """The border if it is "unknown"; None if the solver continues the picture itself."""
         border = self.border
         return None if border == "auto" or border == "blend" or border == "periodic" else border
 

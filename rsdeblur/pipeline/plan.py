@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import html_with_picture, one_line
-from rsdeblur._util.threads import Turns, beside
+from rsdeblur._util.threads import beside
 from rsdeblur.choices import Chroma, Transfer
-from rsdeblur.deconv.chroma import PictureSolver
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter
 from rsdeblur.estimate.motion_evidence import MotionEvidence
@@ -28,12 +27,11 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.motion.plausible import too_wide
-from rsdeblur.pipeline.memory import Chunk
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.settings import Solve, SolverSettings, Strengths
+from rsdeblur.pipeline.settings import SolverSettings, Strengths
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import derive_strengths, judged, solve_chunks, split_highlights
-from rsdeblur.pipeline.tiles import Grid, few_psfs, highlight_bank, tile_paths
+from rsdeblur.pipeline.tiles import few_psfs, highlight_bank, tile_paths
 from rsdeblur.psf import PsfBank, kernel_sheet
 from rsdeblur.types import FloatImage, Progress
 
@@ -96,8 +94,8 @@ class DeblurResult:
 class Plan:
     """Plan for deblurring pictures of one capture; made by :func:`rsdeblur.plan`.
 
-    Strengths and tiles that the options leave open are derived from a picture. :meth:`apply` does so for each picture;
-    :meth:`prepare` does so once, and the solver of tiles is then planned once.
+    Strengths and tiles that the options leave open are derived from a picture. :meth:`apply` does so for each picture,
+    :meth:`prepare` once.
 
     Parameters
     ----------
@@ -109,8 +107,8 @@ class Plan:
         All options.
     strengths : Strengths, optional
         Fixed strengths.
-    grid : Grid, optional
-        Fixed places of the PSFs and the largest size of their kernels.
+    bank : PsfBank, optional
+        Fixed PSFs, in the upright frame.
     refinement : Refinement, optional
         Correction of the recording that the capture contains.
     spent : dict
@@ -121,17 +119,9 @@ class Plan:
     capture: Capture
     options: Options
     strengths: Strengths | None = None
-    grid: Grid | None = None
+    bank: PsfBank | None = field(default=None, repr=False)
     refinement: Refinement | None = None
     spent: dict[str, float] = field(default_factory=dict, repr=False)
-    _kept: _KeptSolver = field(default_factory=lambda: _KeptSolver(), repr=False)
-
-    @cached_property
-    def bank(self) -> PsfBank:
-        """The PSFs in the upright frame, for a plan whose grid is fixed."""
-        if self.grid is None:
-            raise InputError("the plan has no tiles yet; call prepare(image) first")
-        return self.grid.bank(self.capture, threads=self.options.threads)
 
     def prepare(self, image: ArrayLike) -> Plan:
         """Return this plan with the strengths and tiles that suit `image`.
@@ -144,7 +134,7 @@ class Plan:
         Returns
         -------
         Plan
-            Plan of this capture, with one solver for all pictures of this shape.
+            Plan of this capture.
 
         Raises
         ------
@@ -153,31 +143,6 @@ class Plan:
         """
         clock = StageClock()
         return self._prepared(self._split(self._encoded(image), clock), clock)
-
-    def replan(self, log: GyroLog, exposure: Exposure) -> Plan:
-        """Return the plan for another exposure of the same camera, with the same strengths, tiles and solver.
-
-        Parameters
-        ----------
-        log : GyroLog
-            The motion.
-        exposure : Exposure
-            The time of the other exposure.
-
-        Returns
-        -------
-        Plan
-            Plan of the other exposure.
-
-        Raises
-        ------
-        InputError
-            If an argument is of another type.
-        CoverageError, ClockError, GapError
-            If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
-        """
-        check_recording(log, self.frame.stored, exposure)
-        return replace(self, capture=captured(self.frame, log, exposure, self.options))
 
     def apply(
         self, image: ArrayLike, *, out: NDArray[Any] | None = None, progress: Progress | None = None
@@ -225,10 +190,8 @@ class Plan:
         clock: StageClock,
     ) -> DeblurResult:
         assert self.strengths is not None
-        assert self.grid is not None
+        assert self.bank is not None
         bands, strips = self.bank.kernels.shape[:2]
-        # The solver is planned for the largest kernels of the grid.
-        tall, wide = map(max, self.bank.size, self.grid.size)
         return DeblurResult(
             image=out,
             transfer=encoded.transfer,
@@ -242,7 +205,7 @@ class Plan:
             check=check,
             noise=self.strengths.noise,
             refinement=self.refinement,
-            chroma=self._settings.chroma_of((tall, wide), encoded.shape),
+            chroma=self._settings.chroma_of(self.bank.size, encoded.shape),
         )
 
     def _encoded(self, image: ArrayLike) -> EncodedImage:
@@ -256,19 +219,17 @@ class Plan:
         return split_highlights([encoded], self.options, [bank], clock)[0]
 
     def _prepared(self, split: HighlightSplit, clock: StageClock, light: FloatImage | None = None) -> Plan:
-        """Return the plan with fixed strengths, derived from a picture if this plan has none, and a fixed grid."""
+        """Return the plan with fixed strengths, derived from a picture if this plan has none, and fixed PSFs."""
         strengths = self.strengths
         if strengths is None:
             with clock.stage("tune"):
                 few = partial(few_psfs, self.capture, threads=self.options.threads)
                 strengths = derive_strengths(split, self.options, few, one_psf=self.options.has_one_psf, light=light)
-        elif self.grid is not None:
+        elif self.bank is not None:
             return self
         with clock.stage("psfs"):
             bank = PsfBank.from_paths(self.tile_paths(strengths.tile_nsr), threads=self.options.threads)
-        ready = replace(self, strengths=strengths, grid=Grid.of(bank))
-        ready.__dict__["bank"] = bank
-        return ready
+        return replace(self, strengths=strengths, bank=bank)
 
     def tile_paths(self, nsr: float) -> BlurPaths:
         """Trace the paths of the PSFs in the upright frame.
@@ -276,7 +237,7 @@ class Plan:
         Parameters
         ----------
         nsr : float
-            Noise-to-signal ratio that decides the automatic number of bands.
+            Noise-to-signal ratio that decides the automatic numbers of bands and strips.
         """
         return tile_paths(self.capture, self.options.mode_in_effect, self.options.bands, self.options.strips, nsr)
 
@@ -294,52 +255,15 @@ class Plan:
         clock: StageClock,
     ) -> NDArray[np.bool_]:
         """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
-        with self._kept.turn():
-            return solve_chunks(
-                *(split, out, self.bank, self.options, self._settings, clock),
-                plan_solver=self._plan_solver,
-                light=light,
-                meter=meter if self.options.judges else None,
-                capture=self.capture,
-            )
-
-    def _plan_solver(self, chunk: Chunk, shape: tuple[int, int, int]) -> Solve:
-        settings, keep = self._settings, chunk.target == slice(0, self.capture.camera.height)
-        fits = self.grid is not None and all(np.less_equal(chunk.bank.size, self.grid.size))
-        if keep and fits and self.grid is not None and settings.mode != "rowwise" and settings.boundary is None:
-            return self._kept.solver(settings, chunk.bank, self.grid, shape)
-        return settings.plan_solver(self.capture, chunk.bank, shape, chunk.source.start)
-
-
-class _KeptSolver(Turns):
-    """The solver of tiles that a plan and its replans share; it is planned for one shape at a time.
-
-    A plan whose PSFs the solver has holds the lock.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._planned_for: tuple[SolverSettings, Grid, tuple[int, int, int]] | None = None
-        self._solver: PictureSolver | None = None
-        self._bank: PsfBank | None = None
-
-    def solver(self, settings: SolverSettings, bank: PsfBank, grid: Grid, shape: tuple[int, int, int]) -> PictureSolver:
-        """Return the solver with the PSFs of `bank`, which lie on the grid and are no larger than its size."""
-        if self._solver is None or self._planned_for != (settings, grid, shape):
-            first = bank if bank.size == grid.size else grid.still()
-            self._bank = self._solver = None
-            self._solver = settings.plan_tiles(first, shape)
-            self._bank, self._planned_for = first, (settings, grid, shape)
-        if self._bank is not bank:
-            # An interrupt leaves filters that belong to neither bank.
-            self._bank = None
-            self._solver.replan(bank)
-            self._bank = bank
-        return self._solver
-
-    def __reduce__(self) -> tuple[type[_KeptSolver], tuple[()]]:
-        """Pickle as an empty object, because locks and FFT plans cannot leave their process."""
-        return _KeptSolver, ()
+        assert self.bank is not None
+        settings = self._settings
+        return solve_chunks(
+            *(split, out, self.bank, self.options, settings, clock),
+            plan_solver=lambda chunk, shape: settings.plan_solver(self.capture, chunk.bank, shape, chunk.source.start),
+            light=light,
+            meter=meter if self.options.judges else None,
+            capture=self.capture,
+        )
 
 
 def captured(frame: ReadoutFrame, log: GyroLog, exposure: Exposure, options: Options) -> Capture:
@@ -381,7 +305,7 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
     >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(64, 64, 80.0, readout_time=0.03)
     >>> exposure = rsdeblur.Exposure(0.2, 0.05)
     >>> plan = rsdeblur.plan(log, camera, exposure, rsdeblur.Options(prior="wiener", nsr=0.02))
-    >>> plan.replan(log, exposure.shifted(1 / 30)).apply(np.full((64, 64), 0.5)).image.shape
+    >>> plan.apply(np.full((64, 64), 0.5)).image.shape
     (64, 64)
     """
     check_recording(log, camera, exposure)

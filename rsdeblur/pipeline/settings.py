@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 from rsdeblur.choices import Border, Boundary, Chroma, Mode, Planning, Prior, Solver
 from rsdeblur.deconv.boundary import extended, extended_shape
-from rsdeblur.deconv.chroma import HalfChroma, PictureSolver, half_shape, halved, luma_share, suits_half
+from rsdeblur.deconv.chroma import HalfChroma, Solve, half_shape, halved, luma_share, suits_half
 from rsdeblur.deconv.plug_and_play import DENOISERS, PlugAndPlayPrior
 from rsdeblur.deconv.priors import DerivativePrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.deconv.rowwise import RowDeconvolver
 from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic
 from rsdeblur.deconv.wavelet import WaveletPrior
-from rsdeblur.deconv.wiener import Deconvolver, TileFilter
+from rsdeblur.deconv.wiener import Deconvolver
 from rsdeblur.errors import InputError
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.pipeline.options import Options
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Denoiser, FloatImage, StageProgress
-
-Solve = Callable[[FloatImage, StageProgress], FloatImage]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +36,7 @@ class Strengths:
     peak : float
         Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
     tile_nsr : float
-        Noise-to-signal ratio that decides the automatic number of bands.
+        Noise-to-signal ratio that decides the automatic numbers of bands and strips.
     wavelet : WaveletPrior, optional
         The learned prior with all its numbers; None for other priors.
     noise : float, optional
@@ -67,8 +64,8 @@ class SolverSettings:
     wavelet : WaveletPrior, optional
         The learned prior with all its numbers; None for other priors.
     border, boundary
-        How the solver continues the picture beyond its frame, and the method that makes it periodic before, or None;
-        see :class:`rsdeblur.Options`.
+        How the solver continues the picture beyond its frame; "unknown" if it leaves that open, or None; see
+        :class:`rsdeblur.Options`.
     """
 
     mode: Mode
@@ -146,13 +143,9 @@ class SolverSettings:
             Called as ``solve(light, progress)``; returns the restored light.
         """
         if self.boundary is not None:
-            return self._extended(capture, bank, shape, self.boundary)
+            return self._open_border(bank, shape)
         if self.mode == "rowwise" and capture is not None:
             return self._rowwise(capture, bank, shape, first)
-        return self.plan_tiles(bank, shape)
-
-    def plan_tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> PictureSolver:
-        """Plan a solver of tiles, whose PSFs can be replaced later."""
         if self.mode == "rowwise":
             raise InputError('mode="rowwise" has no tiles')
         if self.chroma_of(bank.size, shape) == "half":
@@ -160,9 +153,9 @@ class SolverSettings:
         prior = self.latent_prior
         if prior is None:
             wiener = Deconvolver(bank, shape, **self.engine)
-            return TileSolver(wiener, wiener.apply)
+            return lambda light, progress: wiener.apply(light, progress=progress)
         quadratic = TileQuadratic(bank, shape, **self.engine)
-        return TileSolver(quadratic, partial(quadratic.apply, prior=prior))
+        return lambda light, progress: quadratic.apply(light, prior=prior, progress=progress)
 
     def _half_chroma(self, bank: PsfBank, shape: tuple[int, int, int]) -> HalfChroma:
         """Plan a solver of the brightness, and one of the picture at half size."""
@@ -170,43 +163,32 @@ class SolverSettings:
         share = luma_share(self.prior, self.exponent)
         luma = replace(half, nsr=share * self.nsr) if self.weight is None else replace(half, weight=share * self.weight)
         return HalfChroma(
-            luma.plan_tiles(bank, (*shape[:2], 1)),
-            half.plan_tiles(halved(bank, threads=self.threads), half_shape(shape)),
+            luma.plan_solver(None, bank, (*shape[:2], 1)),
+            half.plan_solver(None, halved(bank, threads=self.threads), half_shape(shape)),
             peak=self.peak,
             threads=self.threads,
         )
 
-    def _extended(
-        self, capture: Capture | None, bank: PsfBank, shape: tuple[int, int, int], boundary: Boundary
-    ) -> Solve:
-        height, width, _ = shape
-        longer, prior = extended_shape(shape, bank, boundary), self.latent_prior
-        if boundary == "unknown" and prior is not None:
-            unknown = UnknownBorderQuadratic(
-                bank, longer, recorded=(height, width), nsr=self.nsr, planning=self.planning, threads=self.threads
-            )
-            solve: Solve = TileSolver(unknown, partial(unknown.apply, prior=prior))
-        else:
-            solve = replace(self, boundary=None).plan_solver(capture, bank, longer)
-        return lambda light, progress: solve(extended(light, bank, boundary), progress)[:height, :width]
+    def _open_border(self, bank: PsfBank, shape: tuple[int, int, int]) -> Solve:
+        """Plan a solver for which what lies beyond the frame is unknown."""
+        (height, width, _), prior = shape, self.latent_prior
+        assert prior is not None, "Options refuses the Wiener filter"
+        unknown = UnknownBorderQuadratic(
+            bank,
+            extended_shape(shape, bank),
+            recorded=(height, width),
+            nsr=self.nsr,
+            planning=self.planning,
+            threads=self.threads,
+        )
+
+        def solve(light: FloatImage, progress: StageProgress) -> FloatImage:
+            restored = unknown.apply(extended(light, bank), prior=prior, progress=progress)
+            return restored[:height, :width]
+
+        return solve
 
     def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
         paths = BlurPaths.every_row(capture, bank.cols, within=slice(first, first + shape[0]))
         rows = RowDeconvolver(replace(paths, rows=paths.rows - first), shape, solver=self.solver, **self.engine)
         return lambda light, progress: rows.apply(light, prior=self.latent_prior, progress=progress)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TileSolver:
-    """Solver of tiles, planned for pictures of one shape; its PSFs can be replaced by others at the same places."""
-
-    filters: TileFilter
-    apply: Callable[..., FloatImage]
-
-    def replan(self, bank: PsfBank) -> None:
-        """Replace the PSFs; see :meth:`rsdeblur.Deconvolver.replan`."""
-        self.filters.replan(bank)
-
-    def __call__(self, light: FloatImage, progress: StageProgress) -> FloatImage:
-        """Restore one picture."""
-        return self.apply(light, progress=progress)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur.deconv.chroma import Solve
 from rsdeblur.deconv.plug_and_play import DENOISERS, WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
@@ -23,7 +24,7 @@ from rsdeblur.motion.paths import Capture
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.memory import Chunk, plan_chunks
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.settings import Solve, SolverSettings, Strengths
+from rsdeblur.pipeline.settings import SolverSettings, Strengths
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
@@ -35,7 +36,7 @@ MOST_TUNED_PIXELS = 8_000_000
 SOLVED_BORDER_ERROR = 0.1
 # Least `nsr` of the wavelet prior, for the PSFs of a motion and for exact ones, and that of denoisers as a multiple of
 # the variance of the noise in a picture whose bright parts have the value 1. They restore what a PSF lost less well
-# than other priors. (docs/developer/decisions/priors.md)
+# than other priors. (docs/developer/decisions.md)
 LEAST_WAVELET_NSR, LEAST_EXACT_WAVELET_NSR = 3e-3, 1e-3
 NSR_OF_VARIANCE = 2.0
 

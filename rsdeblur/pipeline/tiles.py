@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from rsdeblur._util import validate
@@ -18,9 +16,9 @@ from rsdeblur.psf import PsfBank, tile_centres
 # them are this close to the true ones, px.
 TILE_PATH_ERROR = 0.1
 # Interpolated results differ from the result of interpolated paths: at the highest frequency that the filter restores,
-# about 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring bands must still agree in phase.
-# Their paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions/tiles.md.)
-BAND_CHANGE = 0.4
+# about 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring tiles must still agree in phase.
+# Their paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions.md.)
+TILE_CHANGE = 0.4
 # Noise-to-signal ratio that decides the number of PSFs with which the light behind clipped pixels is estimated.
 HIGHLIGHT_NSR = 0.01
 # Number of rows per strip whose PSFs the mode "rowwise" reports.
@@ -30,39 +28,6 @@ MOST_BANDS = 64
 MOST_STRIPS = 16
 # Bounds of numbers that are given: a PSF takes memory and time in every mode, whatever the size of its tile.
 MOST_GIVEN_STRIPS, MOST_TILES = 256, 16_384
-
-
-@dataclass(frozen=True, slots=True)
-class Grid:
-    """Places of the PSFs of a picture in the upright frame.
-
-    Parameters
-    ----------
-    rows, cols : tuple of float
-        Rows of the bands' kernels and columns of the strips', px.
-    size : (int, int)
-        Height and width of the largest kernel that a solver is planned for, px.
-    """
-
-    rows: tuple[float, ...]
-    cols: tuple[float, ...]
-    size: tuple[int, int]
-
-    @classmethod
-    def of(cls, bank: PsfBank) -> Grid:
-        """Return the grid of a bank."""
-        return cls(tuple(bank.rows.tolist()), tuple(bank.cols.tolist()), bank.size)
-
-    def bank(self, capture: Capture, *, threads: int | None) -> PsfBank:
-        """Return the PSFs of a capture at the places of this grid; their own motion decides their size."""
-        return PsfBank.from_paths(BlurPaths.from_capture(capture, self.rows, self.cols), threads=threads)
-
-    def still(self) -> PsfBank:
-        """Return a bank of unit impulses of the largest size, to plan a solver for."""
-        kernels = np.zeros((len(self.rows), len(self.cols), *self.size), dtype=np.float32)
-        kernels[:, :, self.size[0] // 2, self.size[1] // 2] = 1.0
-        paths = np.zeros((len(self.rows), len(self.cols), 2, 2))
-        return PsfBank(kernels, np.array(self.rows), np.array(self.cols), paths)
 
 
 def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: float) -> BlurPaths:
@@ -75,7 +40,7 @@ def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: f
     mode, bands, strips
         See :func:`rsdeblur.deblur`.
     nsr : float
-        Noise-to-signal ratio that decides the automatic number of bands.
+        Noise-to-signal ratio that decides the automatic numbers of bands and strips.
 
     Returns
     -------
@@ -141,11 +106,9 @@ def tile_error(capture: Capture) -> float:
 def _automatic_counts(capture: Capture, nsr: float) -> tuple[int, int]:
     """Return the numbers of bands and strips that limit the change of the blur between neighbouring tiles."""
     probe, camera = capture.probe, capture.camera
-    allowed = BAND_CHANGE * max(float(probe.lengths.max()) * np.sqrt(nsr), 2 / np.pi)
-    needed = (
-        max(np.sqrt(probe.curvature_down / (8 * TILE_PATH_ERROR)), probe.change_down / allowed),
-        np.sqrt(probe.curvature_across / (8 * TILE_PATH_ERROR)),
-    )
+    allowed = TILE_CHANGE * max(float(probe.lengths.max()) * np.sqrt(nsr), 2 / np.pi)
+    measured = (probe.curvature_down, probe.change_down), (probe.curvature_across, probe.change_across)
+    needed = [max(np.sqrt(curvature / (8 * TILE_PATH_ERROR)), change / allowed) for curvature, change in measured]
     counts = []
     for tiles, reach, length, most in zip(
         needed, probe.extent, (camera.height, camera.width), (MOST_BANDS, MOST_STRIPS), strict=True

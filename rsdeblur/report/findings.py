@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur.choices import DROP
 from rsdeblur.image.highlights import at_full_scale
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
@@ -24,8 +25,6 @@ MUCH_CLIPPED = 1e-3
 # A gyro is at its limit where its largest magnitude occurs this often in a row and exceeds this rate (rad/s); a sensor
 # of coarse resolution repeats small rates.
 STUCK, FAST = 3, 4.0
-# Share of a side that a PSF may span: beyond it many frequencies are lost, and borders affect much of the picture.
-LARGE_BLUR = 1 / 16
 # px below which deblurring gains nothing.
 SMALL_BLUR = 3
 
@@ -162,7 +161,7 @@ def _saturation(pixels: NDArray[Any], can_split: bool) -> Finding:
 def _size(psf: tuple[int, int], shape: tuple[int, ...]) -> Finding:
     tall, wide = psf
     text = f"The largest PSF is {wide} x {tall} px in a picture of {shape[1]} x {shape[0]} px."
-    if max(tall / shape[0], wide / shape[1]) > LARGE_BLUR:
+    if max(psf) > DROP:
         more = " The blur is too large for a faithful result: many frequencies are lost, and borders affect much of it."
         return Finding("warning", "Motion", text + more)
     if max(psf) <= SMALL_BLUR:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import struct
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
@@ -226,7 +226,7 @@ def _warn_of_losses(path: Path, frame: Any) -> None:
         warnings.warn(f"{path}: {text}", RsdeblurWarning, stacklevel=3)
 
 
-def frames(clip: Clip, first: int, stop: int, *, threads: int | None = None) -> Iterator[Any]:
+def frames(clip: Clip, first: int, stop: int, *, threads: int | None = None) -> Generator[Any, None, None]:
     """Decode the frames with the numbers `first` to `stop - 1`.
 
     Parameters

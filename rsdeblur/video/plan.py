@@ -197,12 +197,12 @@ def plan_clip(
         if options.check and i in spread:
             checks.append(samples[-1].apply(values).check)
     _warn_of_bad(checks, clip)
-    grids = [sample.grid for sample in samples if sample.grid is not None]
+    banks = [sample.bank for sample in samples if sample.bank is not None]
     return ClipPlan(
         *(clip, log, camera, tuple(exposures), tuple(reasons)),
         options=replace(options, check=False),
         strengths=_median_strengths(samples),
-        tiles=(max(len(grid.rows) for grid in grids), max(len(grid.cols) for grid in grids)),
+        tiles=(max(len(bank.rows) for bank in banks), max(len(bank.cols) for bank in banks)),
         psf_size=(2 * int(reach[0]) + 3, 2 * int(reach[1]) + 3),
         lengths=tuple(lengths.tolist()),
         shares=tuple(shares.tolist()),
@@ -313,7 +313,7 @@ def _measure(
     """Return measures of the frames that can be deblurred, and for each frame the reason why it cannot, or None.
 
     Columns of the measures: the frame's number; the length of the longest path, px; the blur's extent along y and
-    x, px; its change down the picture, and its curvature down and across, which decide the number of tiles. All in the
+    x, px; its change and its curvature, down the picture and across, which decide the number of tiles. All in the
     upright frame.
     """
     frame = ReadoutFrame(camera)
@@ -332,7 +332,7 @@ def _measure(
             report_progress("measure all frames", (i + 1) / len(exposures))
         reasons.append(None)
         probe = capture.probe
-        change = probe.change_down, probe.curvature_down, probe.curvature_across
+        change = probe.change_down, probe.change_across, probe.curvature_down, probe.curvature_across
         measures.append((i, probe.lengths.max(), *probe.extent, *change))
     if not measures:
         raise first_error or InputError(f"{clip.path}: the video has no frames to deblur")

@@ -103,14 +103,14 @@ def test_a_failure_reaches_the_caller() -> None:
             share(fail, range(5), threads)
 
 
-def test_an_interrupt_waits_for_the_tasks_under_way_and_comes_before_the_others() -> None:
+def test_an_interrupt_waits_for_the_tasks_of_other_threads_and_comes_before_the_rest() -> None:
     begun, ended, interrupted = set[int](), set[int](), threading.Event()
 
     def work(thread: int, task: int) -> None:
-        begun.add(task)
         if thread == 0:
-            signal.raise_signal(signal.SIGINT)
             interrupted.set()
+            signal.raise_signal(signal.SIGINT)
+        begun.add(task)
         interrupted.wait()
         time.sleep(0.001)
         ended.add(task)

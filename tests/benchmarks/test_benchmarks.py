@@ -151,23 +151,6 @@ def test_times_that_disagree_are_left_out_with_their_ratios(module):
     assert left["targets"][0]["ratio"] is left["targets"][0]["met"] is None
 
 
-def test_a_psf_measured_again_replaces_its_case_of_the_same_machine_only(module):
-    peers = module("peers")
-
-    def record(command, load, **times):
-        cases = [
-            {"psf": list(box), "ms": times[name]} for box, name in zip(peers.BOXES, "ab", strict=True) if name in times
-        ]
-        return {"cases": cases, "load": load, "skipped": [], "command": command}
-
-    both = peers.merged(record("first", 0.2, a=1, b=2), record("again", 0.1, b=3))
-    assert both == record("first\nagain", 0.2, a=1, b=3)
-    now = peers.settings((64, 48), 3, (1, 2))
-    peers.refuse_other_settings({**now, "cases": []}, now)
-    with pytest.raises(SystemExit, match=r"rounds of the record is 9, now 3"):
-        peers.refuse_other_settings({**now, "rounds": 9}, now)
-
-
 def test_another_picture_is_noticed(module):
     peers = module("peers")
     right = np.zeros((8, 8, 3), dtype=np.float32)
@@ -217,9 +200,30 @@ def test_figures_of_several_runs_make_one_page(module, tmp_path, monkeypatch):
     assert "<svg" in (tmp_path / "last.svg").read_text()
 
 
+def test_without_recordings_pictures_that_anybody_has_take_their_place(module, monkeypatch):
+    data = module("data")
+    monkeypatch.setattr(data, "RECORDED", False)
+    for name in data.STAND_INS:
+        picture = data.encoded(name)
+        assert picture.shape[2] == 3
+        assert 0.0 <= picture.min() < picture.max() <= 1.0
+        if name.startswith("kodim"):
+            assert picture.shape[:2] == (512, 768)
+    assert [data.set12(n).shape for n in (1, 7, 8, 12)] == [(256, 256)] * 2 + [(512, 512)] * 2
+    data.shake.cache_clear()
+    kernels = data.kernels()
+    data.shake.cache_clear()
+    assert len(kernels) == 8
+    for kernel in kernels:
+        assert kernel.sum() == pytest.approx(1.0)
+        assert all(side % 2 for side in kernel.shape)
+    assert data.noted("table").splitlines() == [data.NOTE, "", "table"]
+
+
 def test_set12_without_its_data_is_skipped_with_a_message(module, monkeypatch, tmp_path):
-    set12 = module("set12")
-    monkeypatch.setattr(set12, "DATA", tmp_path)
+    set12, data = module("set12"), module("data")
+    monkeypatch.setattr(data, "DATA", tmp_path)
+    monkeypatch.setattr(data, "RECORDED", True)
     with pytest.raises(SystemExit, match="skipped: no Set12"):
         set12.Case(1, 0, 2.55, "valid").blurred()
 

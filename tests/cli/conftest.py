@@ -88,7 +88,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def run(work: Any, tasks: Any, **_: object) -> Iterator[Any]:
         for task in tasks:
-            yield task, workers._attempt(work, task)
+            yield task, workers.attempt(work, task)
 
     monkeypatch.setattr(workers, "run", run)
 

@@ -16,15 +16,13 @@ import pytest
 from click.testing import Result
 from PIL import Image
 
-from rsdeblur._util.records import Records
 from rsdeblur.choices import VERDICTS
 from rsdeblur.cli._inputs import read_device
 from rsdeblur.cli._items import COLUMNS
-from rsdeblur.cli._options import PhotoChanges, Recording
+from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import SOME_FAILED
 from rsdeblur.cli._photo import PhotoJob
-from rsdeblur.cli._signing import Signing
-from rsdeblur.cli.batch import _absolute
+from rsdeblur.cli.batch import _absolute, work
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import read_picture
 from rsdeblur.pipeline.options import Options
@@ -138,7 +136,7 @@ def test_items_that_failed_leave_no_empty_folders(run: Run, files: Files, tmp_pa
     (out / "mine").mkdir(parents=True)
     found = entries(run, path, *files.sources, "-o", out, code=SOME_FAILED)
     assert states(found) == "failed failed failed done"
-    assert {item.name for item in out.iterdir() if item.is_dir()} == {".rsdeblur-batch", "mine", "d"}
+    assert {item.name for item in out.iterdir() if item.is_dir()} == {"mine", "d"}
 
 
 @pytest.mark.usefixtures("here")
@@ -151,21 +149,51 @@ def test_results_of_other_settings_are_not_replaced(run: Run, files: Files, mani
 
 
 @pytest.mark.usefixtures("here")
-def test_a_result_without_its_record_is_made_again(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
-    # As after an interrupt between the picture and the record: the item is claimed but not finished.
+def test_without_its_list_results_are_those_of_another_program(
+    run: Run, files: Files, manifest: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     call = (manifest, *files.sources, "-o", out)
     entries(run, *call, code=SOME_FAILED)
-    records = Records(out / ".rsdeblur-batch")
-    for path in records.folder.glob("*.json"):
-        record = json.loads(path.read_text())
-        records.claim(record["name"], record["mark"])
-    assert states(entries(run, *call, code=SOME_FAILED)) == "done done done failed failed"
-    # Without records, the files may be another program's and stay.
-    shutil.rmtree(out / ".rsdeblur-batch")
-    (out / "batch.csv").unlink()
-    (out / "batch.json").unlink()
+    content = (out / "batch.json").read_text()
+    # Not as it was written: it could claim anything.
+    (out / "batch.json").write_text(content.replace('"done"', '"skipped"', 1))
+    result = run("batch", *call, *FAST)
+    assert result.exit_code == 1
+    assert "the file exists; use force (--force)" in result.stderr
+    for name in ("batch.csv", "batch.json"):
+        (out / name).unlink()
     assert states(entries(run, *call, code=SOME_FAILED)[:3]) == "failed failed failed"
+
+
+@pytest.mark.usefixtures("here")
+def test_after_a_crash_the_results_that_are_there_are_skipped(
+    run: Run, files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is recorded between the start of a batch and its end: a result is written as a whole or not at all."""
+    (tmp_path / "m.csv").write_text(
+        "photo,output,start,duration\n" + "".join(f"photo.png,{i}.png,0.2,0.04\n" for i in "ab")
+    )
+    call = (tmp_path / "m.csv", *files.sources, "-o", out := tmp_path / "out")
+    at_start = {}
+
+    def copy(task: Any) -> Any:
+        at_start.setdefault("list", (out / "batch.json").read_bytes())
+        return work(task)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("rsdeblur.cli.batch.work", copy)
+        entries(run, *call)
+    (out / "batch.json").write_bytes(at_start["list"])
+    (out / "b.png").unlink()
+    assert states(entries(run, *call)) == "skipped done"
+    # While a file is being replaced, the list names no recipe for it, and the old one is not taken for the new one.
+    at_start.clear()
+    with monkeypatch.context() as patch:
+        patch.setattr("rsdeblur.cli.batch.work", copy)
+        entries(run, *call, "--force", "--border", "periodic")
+    (out / "batch.json").write_bytes(at_start["list"])
+    assert states(entries(run, *call, "--border", "periodic", code=SOME_FAILED)) == "failed failed"
 
 
 @pytest.mark.usefixtures("here")
@@ -174,7 +202,7 @@ def test_a_run_without_any_result_leaves_the_table_of_earlier_ones(run: Run, fil
     call = ("batch", tmp_path / "m.csv", *files.sources, *FAST, "-o", out := tmp_path / "out")
     assert run(*call).exit_code == 0
     before = [(out / name).read_bytes() for name in ("batch.csv", "batch.json")]
-    result = run(*call, "--border", "reflect")
+    result = run(*call, "--border", "periodic")
     assert "made with other options" in result.stderr
     assert "batch.csv and batch.json: left as they are" in result.stderr
     assert [(out / name).read_bytes() for name in ("batch.csv", "batch.json")] == before
@@ -318,7 +346,7 @@ def test_no_log_named(run: Run, files: Files, manifest: Path, tmp_path: Path) ->
     assert "give it in the column gyro or with --gyro" in found[0]["error"]
 
 
-def test_a_killed_worker_is_retried(processes: Processes, files: Files, tmp_path: Path) -> None:
+def test_a_killed_worker_is_replaced(processes: Processes, files: Files, tmp_path: Path) -> None:
     out = tmp_path / "out"
     path = tmp_path / "m.csv"
     path.write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
@@ -327,37 +355,7 @@ def test_a_killed_worker_is_retried(processes: Processes, files: Files, tmp_path
         stdout, stderr = process.communicate()
     assert process.returncode == 0, stderr
     assert "1 done" in stdout
-    assert sorted(item.name for item in out.iterdir()) == [".rsdeblur-batch", "batch.csv", "batch.json", "photo.png"]
-
-
-def test_an_isolated_photo_beyond_its_limits_is_a_row(
-    run: Run, files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "m.csv"
-    path.write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
-    call = (path, *files.sources, "-o", tmp_path / "out")
-    # No process loads its libraries in a millisecond.
-    monkeypatch.setattr("rsdeblur.cli._jobs.LEAST_SECONDS", 0.0)
-    (entry,) = entries(run, *call, "--isolate", "--time-limit", "1ms", code=SOME_FAILED)
-    assert entry["error"].endswith("photo.png: it took more than 0.001 s, the time limit")
-    assert states(entries(run, *call, "--isolate", "--memory-limit", "1GiB")) == "done"
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--time-limit", "9"], "need --isolate"),
-        (["--isolate", "--memory-limit", "1MB"], "at least 1GiB"),
-        (["--isolate", "--time-limit", "1ms"], "at least 1 s"),
-        (["--isolate", "--scheduler", "tcp://127.0.0.1:9"], "leave out --scheduler"),
-    ],
-)
-def test_limits_that_make_no_sense(
-    run: Run, files: Files, manifest: Path, tmp_path: Path, options: list[str], message: str
-) -> None:
-    result = run("batch", manifest, *files.sources, "-o", tmp_path / "out", *options)
-    assert result.exit_code == 2
-    assert message in result.stderr
+    assert sorted(item.name for item in out.iterdir()) == ["batch.csv", "batch.json", "photo.png"]
 
 
 def test_interrupt_leaves_nothing_unfinished(
@@ -366,20 +364,17 @@ def test_interrupt_leaves_nothing_unfinished(
     out, path = tmp_path / "out", tmp_path / "m.csv"
     path.write_text("photo,start,duration,output\n" + "".join(f"photo.png,0.2,0.04,{i}.png\n" for i in range(200)))
     with processes.started("batch", path, *files.sources, *FAST, "-o", out) as process:
-        # A picture is written before its record, so with four pictures at least one record is complete.
-        processes.until(process, lambda: len(list(out.glob("*.png"))) > 3)
+        processes.until(process, lambda: len(list(out.glob("*.png"))) > 1)
         os.killpg(process.pid, signal.SIGINT)
         _, stderr = process.communicate()
     assert process.returncode == 130
     assert stderr == "rsdeblur: interrupted; no unfinished file is left\n"
-    assert {item.suffix for item in out.iterdir()} == {".png", ""}
-    assert ".rsdeblur-batch" in {item.name for item in out.iterdir()}
-    # The first items show that finished ones are kept and the next one is done.
+    assert {item.name for item in out.iterdir() if item.suffix != ".png"} == {"batch.csv", "batch.json"}
+    # The finished ones are kept, and the others done.
     finished = len(list(out.glob("*.png")))
     path.write_text("".join(path.read_text().splitlines(keepends=True)[: finished + 3]))
-    again = states(entries(run, path, *files.sources, "-o", out))
-    assert "skipped" in again
-    assert again.endswith("done")
+    again = states(entries(run, path, *files.sources, "-o", out)).split()
+    assert again == ["skipped"] * finished + ["done"] * 2
 
 
 def test_the_page_shows_every_photo_the_most_doubtful_first(
@@ -403,12 +398,9 @@ def test_jobs_for_a_cluster_have_absolute_paths(tmp_path: Path, monkeypatch: pyt
             photo=Path("photo.png"),
             recording=Recording(gyro=Path("gyro.csv"), camera=Path("camera.toml")),
             options=Options(),
-            changes=PhotoChanges(),
             output=Path("out/photo.png"),
-            signing=Signing(Path("chain.pem"), Path("key.pem")),
         )
     )
-    assert (job.signing.sign, job.signing.sign_key) == (tmp_path / "chain.pem", tmp_path / "key.pem")
     assert (job.photo, job.output) == (tmp_path / "photo.png", tmp_path / "out" / "photo.png")
     assert (job.recording.gyro, job.recording.camera) == (tmp_path / "gyro.csv", tmp_path / "camera.toml")
 

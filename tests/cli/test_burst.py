@@ -59,7 +59,7 @@ def test_options_of_deblur_work_for_bursts(run, burst: Path, tmp_path: Path) -> 
         "--motion",
         "small-angle",
         "--border",
-        "smooth",
+        "periodic",
         "--saturation",
         "always",
         "--softness",

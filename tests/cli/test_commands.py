@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import shlex
@@ -21,7 +20,6 @@ from rsdeblur.cli import demo
 from rsdeblur.estimate.time_offset import OffsetSearch
 from rsdeblur.io import read_picture
 from rsdeblur.psf import PsfBank
-from tests.installed import needs
 
 if TYPE_CHECKING:
     from conftest import Files
@@ -47,28 +45,6 @@ def test_deblur_writes_the_picture_and_one_line(run: Run, files: Files, tmp_path
     assert "banded" in result.stdout
     with Image.open(out) as picture:
         assert picture.size == (WIDTH, HEIGHT)
-
-
-def test_deblur_signs_with_the_parameters_of_the_history(
-    run: Run, files: Files, tmp_path: Path, pem_files: Callable[..., tuple[Path, Path]]
-) -> None:
-    chain, key = pem_files()
-    out = tmp_path / "sharp.png"
-    common = ["deblur", files.photo, *files.recording, "--mode", "global", "--quality", "fast", "--sign", chain]
-    half = run(*common, "-o", out)
-    assert half.exit_code == 2
-    assert "--sign-key missing" in half.stderr
-    refused = run(*common, "--sign-key", key, "--dry-run", "-o", out.with_suffix(".npy"))
-    assert "NumPy files cannot be signed" in refused.stderr
-    done = run(*common, "--sign-key", key, "-o", out)
-    assert done.exit_code == 0, done.stderr
-    c2pa = needs("c2pa")
-    manifest = c2pa.Reader(out).get_active_manifest()
-    assert manifest["ingredients"][0]["title"] == files.photo.name
-    said = manifest["assertions"][0]["data"]["actions"][1]["parameters"]["rsdeblur.parameters"]
-    assert json.loads(said)["gyro"]["sha256"] == hashlib.sha256(files.gyro.read_bytes()).hexdigest()
-    # XML escapes quotation marks.
-    assert said.replace('"', "&quot;").encode() in (read_picture(out).xmp or b"")
 
 
 def test_deblur_modes_and_captures_agree_with_explicit_times(run: Run, files: Files, tmp_path: Path) -> None:
@@ -128,7 +104,6 @@ def test_a_track_from_another_program(run: Run, files: Files, tmp_path: Path) ->
     assert json.loads(run("psf", *common, "--json", *mapped).stdout)["psf_px"] == moved
     sharp = tmp_path / "mapped.png"
     assert run("deblur", files.photo, *common, *mapped, "-o", sharp).exit_code == 0
-    assert b"depth_map" in (read_picture(sharp).xmp or b"")
     result = run("psf", *common, "--translation", track, "--depth", "near")
     assert result.exit_code == 1
     assert "near: cannot read the depth map" in result.stderr
@@ -164,7 +139,7 @@ def test_rowwise_with_its_options(run: Run, files: Files, tmp_path: Path) -> Non
     common = ["deblur", files.photo, *files.recording, "--mode", "rowwise", "--strips", 2]
     result = run(*common, "-o", tmp_path / "a.png")
     assert f"rowwise, {HEIGHT} x 2 PSFs (rows x strips)" in result.stdout
-    assert run(*common, "--solver", "cg", "--prior", "gradient", "-o", tmp_path / "b.png").exit_code == 0
+    assert run(*common, "--prior", "gradient", "-o", tmp_path / "b.png").exit_code == 0
     assert bits(tmp_path / "a.png") != bits(tmp_path / "b.png")
 
 
@@ -408,29 +383,6 @@ def test_sync_of_several_photos(run, files, tmp_path, monkeypatch):
     assert run("sync", *names, *files.sources, "--start", "exif").exit_code == 2
 
 
-def test_deblur_at_the_work_size(run, files, tmp_path):
-    out = tmp_path / "small.png"
-    assert run("deblur", files.photo, *files.recording, "--work-size", 48, "-o", out).exit_code == 0
-    assert read_picture(out).pixels.shape == (36, 48, 3)
-    for size in ("full", "paper"):  # the picture is smaller than the paper's
-        assert run("deblur", files.photo, *files.recording, "--work-size", size, "-o", out, "--force").exit_code == 0
-        assert read_picture(out).pixels.shape == (HEIGHT, WIDTH, 3)
-
-
-def test_deblur_takes_the_nsr_from_iso(run, files, tmp_path):
-    out = tmp_path / "sharp.png"
-    arguments = ("deblur", files.photo, *files.recording, "--nsr-from-iso", "-o", out, "--json")
-    assert "no ISO sensitivity" in run(*arguments).stderr
-    exif = Image.Exif()
-    exif.get_ifd(0x8769)[0x8827] = 400
-    with Image.open(files.photo) as image:
-        image.load()
-        image.save(files.photo, exif=exif.tobytes())
-    result = run(*arguments)
-    assert result.exit_code == 0, result.stderr
-    assert json.loads(result.stdout)["nsr"] == pytest.approx(0.04)
-
-
 def test_deblur_normalizes(run, files, tmp_path):
     plain, squeezed = tmp_path / "plain.png", tmp_path / "squeezed.png"
     arguments = "deblur", files.photo, *files.recording, "--quality", "fast", "--nsr", 0.01
@@ -458,8 +410,8 @@ def test_several_photos(run: Run, files: Files, tmp_path: Path) -> None:
     assert run(*call, "--numbered-from", "1").exit_code == 0
     first, later = (read_picture(tmp_path / name).pixels for name in ("sharp/frame_0.png", "later/frame_1.png"))
     np.testing.assert_array_equal(later, first)
-    alone = "deblur", names[0], *files.recording, "--numbered-from", "1"
-    assert (run(*alone).exit_code, run("deblur", names[0], "--psf", "none", *alone[-2:]).exit_code) == (2, 2)
+    for blur in (files.recording, ["--psf", "none"]):
+        assert run("deblur", names[0], *blur, "--numbered-from", "1").exit_code == 2
 
     # Without --output, beside the photo.
     assert run("deblur", names[0], *files.sources, *capture, "--index", "0").exit_code == 0

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.testing import CliRunner, Result
 
 import rsdeblur
 import rsdeblur.io.pictures
-from rsdeblur.cli import COMMANDS, main
+from rsdeblur.cli import COMMANDS, RETRY, ending_signals, main
 
 if TYPE_CHECKING:
     from conftest import Files
@@ -149,3 +150,23 @@ def test_the_stopwatch_stops_while_numba_compiles() -> None:
         assert numba.njit(lambda x: x + 1)(1) == 2
     assert watch.duration > 0.0
     assert 0.0 < watch.seconds <= time.perf_counter() - outer - watch.duration
+
+
+def test_a_compiler_is_not_interrupted() -> None:
+    """An exception would leave its locks locked; the interrupt comes when it has ended."""
+    numba: dict[str, Any] = {"__name__": "numba.core", "signal": signal, "time": time, "done": False}
+    exec(
+        "def compile(wait):\n  signal.raise_signal(signal.SIGTERM)\n  time.sleep(wait)\n  global done\n  done = True",
+        numba,
+    )
+
+    def work() -> None:
+        with ending_signals():
+            numba["compile"](3 * RETRY)
+            time.sleep(30)
+
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert numba["done"]
+    assert signal.getsignal(signal.SIGTERM) is before

@@ -18,7 +18,6 @@ from click.testing import Result
 from PIL import Image
 
 import rsdeblur.cli
-from rsdeblur._util.records import LOCK, Records
 
 if TYPE_CHECKING:
     from conftest import Files
@@ -114,42 +113,20 @@ def test_cells_are_no_formulas(run: Run, files: Files, tmp_path: Path, monkeypat
     assert not any(cell.startswith(("=", "+", "-", "@")) for row in rows(Path("out")) for cell in row.values())
 
 
-RECORDS = ["[]", "1", "null", '{"mark": 1}', '{"facts": 3, "seal": ""}', "{" * 100_000, "", '"\\ud800"']
+LISTS = ["[]", "1", "null", '{"digest": 1}', '{"items": 3, "digest": ""}', "{" * 100_000, "", '"\\ud800"']
 
 
 @pytest.mark.usefixtures("here")
-@pytest.mark.parametrize("content", RECORDS)
-def test_records_of_wrong_shape_are_none(run: Run, files: Files, tmp_path: Path, content: str) -> None:
+@pytest.mark.parametrize("content", LISTS)
+def test_a_list_of_wrong_shape_is_another_programs(run: Run, files: Files, tmp_path: Path, content: str) -> None:
     path, out = tmp_path / "m.csv", tmp_path / "out"
     path.write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
-    call = ("batch", path, *files.sources, *FAST, "-o", out)
-    assert run(*call).exit_code == 0
-    (record,) = (out / ".rsdeblur-batch").glob("*.json")
-    record.write_text(content)
-    result = run(*call)
-    assert result.exit_code == 3
-    assert "photo.png: the file exists; use force" in result.stderr
-    (out / "photo.png").unlink()
-    assert run(*call).exit_code == 0
-
-
-@pytest.mark.usefixtures("here")
-def test_a_result_that_is_empty_is_made_again_and_one_that_changed_is_kept(
-    run: Run, files: Files, tmp_path: Path
-) -> None:
-    path, out = tmp_path / "m.csv", tmp_path / "out"
-    path.write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
-    call = ("batch", path, *files.sources, *FAST, "-o", out)
-    assert run(*call).exit_code == 0
-    whole = (out / "photo.png").read_bytes()
-    (out / "photo.png").write_bytes(b"")
-    assert "1 done" in run(*call).stdout
-    assert (out / "photo.png").read_bytes() == whole
-    (out / "photo.png").write_bytes(whole + b"my notes")
-    result = run(*call)
-    assert "1 skipped" in result.stdout
-    assert "the file has changed since it was written" in result.stderr
-    assert (out / "photo.png").read_bytes() == whole + b"my notes"
+    out.mkdir()
+    (out / "batch.json").write_text(content)
+    result = run("batch", path, *files.sources, *FAST, "-o", out)
+    assert result.exit_code == 1
+    assert "batch.json: the file exists; use force" in result.stderr
+    assert [item.name for item in out.iterdir()] == ["batch.json"]
 
 
 @pytest.mark.usefixtures("here")
@@ -239,19 +216,7 @@ def test_no_command_replaces_its_input(run: Run, files: Files, tmp_path: Path) -
 
 
 @pytest.mark.usefixtures("here")
-def test_two_batches_do_not_share_a_folder(run: Run, files: Files, tmp_path: Path) -> None:
-    (tmp_path / "m.csv").write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
-    call = ("batch", tmp_path / "m.csv", *files.sources, *FAST, "-o", tmp_path / "out")
-    with Records(tmp_path / "out" / ".rsdeblur-batch").held():
-        result = run(*call)
-        assert result.exit_code == 1
-        assert "another rsdeblur is writing there" in result.stderr
-        assert not (tmp_path / "out" / "photo.png").exists()
-    assert run(*call).exit_code == 0
-
-
-@pytest.mark.usefixtures("here")
-def test_pipes_are_neither_manifests_nor_records(run: Run, files: Files, tmp_path: Path) -> None:
+def test_pipes_are_neither_manifests_nor_lists(run: Run, files: Files, tmp_path: Path) -> None:
     path, out = tmp_path / "m.csv", tmp_path / "out"
     os.mkfifo(path)
     call = ("batch", path, *files.sources, *FAST, "-o", out)
@@ -260,28 +225,9 @@ def test_pipes_are_neither_manifests_nor_records(run: Run, files: Files, tmp_pat
     assert "m.csv: cannot read the manifest: it is a pipe or a device" in result.stderr
     path.unlink()
     path.write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
-    assert run(*call).exit_code == 0
-    (record,) = (out / ".rsdeblur-batch").glob("*.json")
-    record.unlink()
-    os.mkfifo(record)
-    assert "the file exists" in run(*call).stderr
-
-
-def test_records_are_not_mixed_with_other_files(tmp_path: Path) -> None:
-    records = Records(tmp_path / "a.mp4.parts")
-    with records.held():
-        records.claim("0.mkv", "mark")
-        (records.folder / "0.mkv").touch()
-        (records.folder / "theirs.txt").touch()
-        records.remove()
-    assert [path.name for path in records.folder.iterdir()] == ["theirs.txt"]
-    with pytest.raises(OSError, match="contains other files"), records.held():
-        pass
-    (records.folder / "theirs.txt").unlink()
-    with records.held():
-        assert (records.folder / LOCK).exists()
-        records.remove()
-    assert not records.folder.exists()
+    out.mkdir()
+    os.mkfifo(out / "batch.json")
+    assert "it is a pipe or a device" in run(*call, "--force").stderr
 
 
 def exif(maker: str) -> bytes:

@@ -90,7 +90,7 @@ MOMENTS = ("--index", 2), ("--start", 2), ("--start-ns", 2)
 @pytest.mark.parametrize(("source", "options"), [("clip.mp4", OF_PHOTOS), (".", MOMENTS)])
 def test_options_without_effect_are_refused(run: Run, tmp_path: Path, source: str, options: tuple[Any, ...]) -> None:
     (tmp_path / "clip.mp4").touch()
-    recording = ()
+    recording: tuple[str, ...] = ()
     if source == "clip.mp4":
         needs("video")
         recording = "--gyro", "gyro.csv", "--camera", "camera.toml"

@@ -1,4 +1,4 @@
-"""Files of videos: strangers' names and content, segments that do not fit, folders of others."""
+"""Files of videos: strangers' names and content, and what containers and encoders take."""
 
 from __future__ import annotations
 
@@ -19,17 +19,15 @@ from PIL import Image
 
 import rsdeblur
 from rsdeblur import Camera
-from rsdeblur._util import workers
-from rsdeblur._util.records import Records
 from rsdeblur.errors import FileFormatError, InputError
 from tests.installed import needs
 
 av = needs("video")
 
 from rsdeblur.video.clip import frames, open_clip  # noqa: E402 (needs PyAV)
+from rsdeblur.video.encode import Encoding  # noqa: E402
 from rsdeblur.video.pixels import BITS, WEIGHTS, frame_of, kept_frame, matrix_of, values_of  # noqa: E402
 from rsdeblur.video.plan import _more_blurred, plan_clip  # noqa: E402
-from rsdeblur.video.segments import Encoding  # noqa: E402
 from rsdeblur.video.times import exposures_from_captures, exposures_from_timestamps  # noqa: E402
 
 Run = Callable[..., Result]
@@ -60,7 +58,7 @@ def recording(tmp_path: Path) -> list[object]:
     np.savetxt(tmp_path / "gyro.csv", rates, "%.6f", ",", header="t,wx,wy,wz", comments="")
     Camera(WIDTH, HEIGHT, 70.0, readout_time=0.01).save(tmp_path / "camera.toml")
     files = ["--gyro", tmp_path / "gyro.csv", "--camera", tmp_path / "camera.toml"]
-    return [*files, "--start", 0.1, "--duration", "1/60", "--nsr", 0.01, "--segment", 2, "--jobs", 1, "--all"]
+    return [*files, "--start", 0.1, "--duration", "1/60", "--nsr", 0.01, "--jobs", 2, "--all"]
 
 
 @pytest.fixture
@@ -79,84 +77,16 @@ def refused(result: Result, *words: object) -> None:
         assert str(word) in errors[0]
 
 
-def test_a_folder_of_the_user_is_neither_used_nor_removed(
-    run: Run, clip: Path, recording: list[object], tmp_path: Path
-) -> None:
-    folder = tmp_path / "out.mp4.parts"
-    (folder / "holiday").mkdir(parents=True)
-    (folder / "holiday" / "a.txt").write_text("precious")
-    (folder / "0000000.mkv").write_text("theirs")
-    for force in ((), ("--force",)):
-        result = run("video", clip, *recording, *force, "-o", tmp_path / "out.mp4")
-        refused(result, folder, "contains other files")
-    assert (folder / "holiday" / "a.txt").read_text() == "precious"
-    assert (folder / "0000000.mkv").read_text() == "theirs"
-    assert not (tmp_path / "out.mp4").exists()
-
-
-@pytest.mark.usefixtures("here")
-def test_files_of_the_user_beside_the_segments_stay(
+def test_a_frame_that_cannot_be_deblurred_is_named_and_leaves_no_file(
     run: Run, clip: Path, recording: list[object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out = tmp_path / "out.mp4"
-    parts = interrupted(run, clip, recording, out, monkeypatch)
-    (parts / "note.txt").write_text("precious")
-    assert run("video", clip, *recording, "-o", out).exit_code == 0
-    assert [path.name for path in parts.iterdir()] == ["note.txt"]
+    def fail(*_: object) -> None:
+        raise InputError("no colours")
 
-
-def interrupted(
-    run: Run, clip: Path, recording: list[object], out: Path, monkeypatch: pytest.MonkeyPatch, *more: object
-) -> Path:
-    """Interrupt a run before its segments are joined, and return their folder."""
-    from rsdeblur.video import run as video_run
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(video_run, "join", interrupt)
-        result = run("video", clip, *recording, *more, "-o", out)
-    assert result.exit_code == 130, result.output
-    assert "the same command continues from there" in result.stderr
-    return out.with_name(f"{out.name}.parts")
-
-
-@pytest.mark.usefixtures("here")
-def test_segments_that_do_not_fit_are_made_again(
-    run: Run, clip: Path, recording: list[object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole, out = tmp_path / "whole.mp4", tmp_path / "out.mp4"
-    assert run("video", clip, *recording, "-o", whole).exit_code == 0
-    # Those of another length of the segments stay until the end, too.
-    interrupted(run, clip, recording, out, monkeypatch, "--segment", 3)
-    parts = interrupted(run, clip, recording, out, monkeypatch)
-    first, second, third, fourth = (parts / f"{2 * i:07d}.mkv" for i in range(4))
-    a, b = first.read_bytes(), second.read_bytes()
-    first.write_bytes(b), second.write_bytes(a)  # exchanged
-    third.write_bytes(third.read_bytes()[:-20])
-    fourth.write_bytes(b"")
-    result = run("video", clip, *recording, "-o", out)
-    assert result.exit_code == 0, result.output
-    assert out.read_bytes() == whole.read_bytes()
-    assert not parts.exists()
-
-
-def test_a_failure_without_a_finished_segment_leaves_no_folder(
-    run: Run, clip: Path, recording: list[object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(workers, "run", fail)
+    monkeypatch.setattr("rsdeblur.video.encode.values_of", fail)
     before = set(tmp_path.iterdir())
-    refused(run("video", clip, *recording, "-o", tmp_path / "out.mp4"), "No space left on device")
+    refused(run("video", clip, *recording, "-o", tmp_path / "out.mp4"), f"{clip}: frame 0: no colours")
     assert set(tmp_path.iterdir()) == before
-
-
-def test_two_runs_do_not_share_an_output(run: Run, clip: Path, recording: list[object], tmp_path: Path) -> None:
-    with Records(tmp_path / "out.mp4.parts").held():
-        refused(run("video", clip, *recording, "-o", tmp_path / "out.mp4"), "another rsdeblur is writing there")
 
 
 def test_the_video_itself_is_no_output(run: Run, clip: Path, recording: list[object]) -> None:
@@ -175,9 +105,7 @@ def test_a_container_that_does_not_fit_is_refused_before_the_work(
     assert set(tmp_path.iterdir()) == before
 
 
-@pytest.mark.parametrize(
-    ("codec", "message"), [("png", "cannot be encoded by png"), ("rawvideo", "segments of rawvideo cannot be joined")]
-)
+@pytest.mark.parametrize(("codec", "message"), [("png", "cannot be encoded by png"), ("rawvideo", "loses the pixel")])
 def test_encoders_of_no_use_are_refused_before_the_work(
     run: Run, clip: Path, recording: list[object], tmp_path: Path, codec: str, message: str
 ) -> None:
@@ -262,7 +190,6 @@ def test_the_more_blurred_half_is_at_least_two_frames(lengths: list[int], chosen
     assert _more_blurred(np.column_stack([np.arange(len(lengths)), lengths]).astype(float)).tolist() == chosen
 
 
-@pytest.mark.usefixtures("here")
 def test_names_are_no_addresses(
     run: Run, clip: Path, recording: list[object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -332,7 +259,6 @@ def test_transport_streams_are_read_from_any_frame(tmp_path: Path) -> None:
         assert brightness(path, first, first + 2) == levels[first : first + 2].tolist()
 
 
-@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     ("source", "target", "codec"),
     [("mp4", "mov", "libx264"), ("mkv", "mp4", "libx265"), ("mp4", "mkv", "libvpx-vp9")],

@@ -73,7 +73,6 @@ def decoded(path: Path) -> tuple[str, list[NDArray[Any]]]:
         return frames[0].format.name, [frame.to_ndarray() for frame in frames]
 
 
-@pytest.mark.usefixtures("here")
 def test_only_blurred_frames_change(run: Run, recording: list[object], tmp_path: Path) -> None:
     clip, out = tmp_path / "clip.mkv", tmp_path / "out.mkv"
     write(clip, "ffv1", "yuv422p10le")
@@ -95,7 +94,6 @@ def test_only_blurred_frames_change(run: Run, recording: list[object], tmp_path:
     assert changed == [False, False, False, True, True, True, False, False]
 
 
-@pytest.mark.usefixtures("here")
 def test_motion_data_stay(run: Run, recording: list[object], tmp_path: Path) -> None:
     clip = tmp_path / "clip.mp4"
     write(clip, "libx264", "yuv420p")

@@ -20,7 +20,6 @@ from rsdeblur import (
     deblur,
     deconvolve,
     hand_shake,
-    plan,
     psfs,
     scene,
     simulate,
@@ -50,7 +49,7 @@ def restored(solver, light, progress=quiet):
 def solver_of(bank, prior, chroma="half"):
     options = Options(prior=prior, chroma=chroma)
     strengths = Strengths(NSR, None if prior == "wiener" else WEIGHT, 1.0, NSR)
-    return SolverSettings.of(options, strengths).plan_tiles(bank, SHAPE)
+    return SolverSettings.of(options, strengths).plan_solver(None, bank, SHAPE)
 
 
 def one_plane(bank, prior, share=1.0):
@@ -116,16 +115,6 @@ def test_a_padded_bank_stays_padded():
     assert np.subtract(size, halved(bank, threads=None).size).tolist() == [4, 2]
 
 
-@pytest.mark.parametrize("prior", ["wiener", "tv"])
-def test_replanned_is_planned_anew(capture, prior):
-    first, second = bank_of(0.08), bank_of(0.12)
-    size = tuple(np.maximum(first.size, second.size))
-    solver, anew = solver_of(first.padded(size), prior), solver_of(second.padded(size), prior)
-    restored(solver, capture.blurred)
-    solver.replan(second.padded(size))
-    np.testing.assert_array_equal(restored(solver, capture.blurred), restored(anew, capture.blurred))
-
-
 def test_colours_lose_little(capture):
     recording = LOG, CAMERA, Exposure(0.08, 0.04)
     results = [deblur(capture.blurred, *recording, chroma=chroma) for chroma in ("full", "half", "auto")]
@@ -160,14 +149,6 @@ def test_own_kernels_have_full_colours_and_paths_may_have_half(capture):
     drawn = PsfBank(bank.kernels, bank.rows, bank.cols)
     results = [deconvolve(capture.blurred, psf, border="blend", quality="fast") for psf in (drawn, bank)]
     assert [result.chroma for result in results] == ["full", "half"]
-
-
-def test_replans_have_the_colours_of_their_plan(capture):
-    recording = LOG, CAMERA, Exposure(0.08, 0.04)
-    planned = plan(*recording).prepare(capture.blurred)
-    shorter = planned.replan(LOG, Exposure(0.08, 0.001)).apply(capture.blurred)
-    assert max(shorter.psfs.size) < LEAST_SIZE
-    assert shorter.chroma == "half"
 
 
 @pytest.mark.parametrize("options", [{"mode": "rowwise"}, {"prior": "wavelet"}, {"border": "unknown"}], ids=str)

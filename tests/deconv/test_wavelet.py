@@ -11,8 +11,9 @@ from rsdeblur import DerivativePrior, InputError, PsfBank, TileQuadratic, Tuning
 from rsdeblur.deconv import wavelet
 from rsdeblur.deconv.wavelet import Factors, WaveletPrior, add_up, band_shape, features, frame_responses
 from rsdeblur.estimate import strength
-from rsdeblur.kernels.frame import HALO, LEVELS, ORIENTATIONS, terms
+from rsdeblur.kernels.frame import HALO, LEVELS, ORIENTATIONS
 from rsdeblur.simulation.scene import scene
+from tests.oracles.frame import terms
 
 KERNEL = np.zeros((7, 9))
 KERNEL[[1, 2, 3, 4, 5], [1, 2, 4, 5, 7]] = 0.2

@@ -60,5 +60,5 @@ def test_faults(tmp_path: Path, name: str, values: np.ndarray, message: str) -> 
 def test_a_damaged_array(tmp_path: Path) -> None:
     path = tmp_path / "depth.npy"
     path.write_bytes(b"\x93NUMPY\x01\x00nonsense")
-    with pytest.raises(FileFormatError, match="not an array of depths"):
+    with pytest.raises(FileFormatError, match="not an array of depth maps"):
         read_depths(path)

@@ -7,14 +7,15 @@ import pytest
 from PIL import Image
 
 from rsdeblur.errors import ClockError, InputError
-from rsdeblur.io.exif import CAMERA_IFD, Exif
-from rsdeblur.io.exif_times import (
+from rsdeblur.io.exif import (
+    CAMERA_IFD,
     DATE_TIME,
     GPS_DATE,
     GPS_IFD,
     GPS_TIME,
     OFFSET,
     SUBSECONDS,
+    Exif,
     capture_time,
     on_clock_of,
     shown_time,

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.fuzz.seeds import base91
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.io import open_gyro, read_gyro
+from rsdeblur.io.gyro_binary import check_sample_sizes
 from rsdeblur.io.gyroflow import base91_decode
-from rsdeblur.io.sample_tables import check_sample_sizes
 from rsdeblur.io.source import Source
+from tests.hostile.seeds import base91
 from tests.installed import needs
 
 # A timestamp in ns that float64 cannot represent, and the samples in all files below: t in ns; x, y, z in rad/s.

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from rsdeblur import FileFormatError, PsfBank
-from rsdeblur.io.kernels import read_psfs
+from rsdeblur.io.arrays import read_psfs
 
 SHAPE = (40, 60, 3)
 WEIGHTS = np.arange(12, dtype=np.uint8).reshape(3, 4)

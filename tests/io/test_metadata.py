@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import os
-import shutil
 import struct
-import subprocess
 import zlib
-from datetime import UTC, datetime
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
 from PIL import Image
 
-from rsdeblur.errors import FileFormatError, RsdeblurWarning
-from rsdeblur.io import _metadata, _xmp, read_picture, write_picture
-from rsdeblur.io._jpeg import with_iptc
-from rsdeblur.io.history import file_facts, with_history
+from rsdeblur.errors import RsdeblurWarning
+from rsdeblur.io import _metadata, read_picture, write_picture
+from rsdeblur.io.picture_output import with_iptc
 from rsdeblur.io.pictures import Picture
 from tests.installed import needs
 
@@ -69,7 +63,7 @@ def exif_block() -> bytes:
     start = struct.unpack_from(f"{order}I", data, 4)[0]
     end = start + 2 + 12 * struct.unpack_from(f"{order}H", data, start)[0]
     old = BytesIO()
-    Image.new("RGB", (16, 12), "red").save(old, "JPEG")
+    Image.effect_noise((64, 48), 99).save(old, "JPEG")
     place = len(data) + 2 + 12 * 3 + 4
     second = struct.pack(f"{order}H", 3) + struct.pack(f"{order}HHIHxx", 259, 3, 1, 6)
     second += struct.pack(f"{order}HHII", 513, 4, 1, place)
@@ -145,16 +139,13 @@ def test_blocks_come_through(tmp_path: Path, kind: str, suffix: str) -> None:
     before, after = copied(photo(tmp_path, kind), suffix, tmp_path)
     assert before.xmp is not None
     assert after.xmp is not None
-    for text in (b'GimbalPitchDegree="-89.90"', b'xmp:Rating="4"', b'ProjectionType="equirectangular"'):
-        assert text in before.xmp
-        assert text in after.xmp
-    assert b'tiff:ImageWidth="64"' in after.xmp
-    assert b"2023-11-14T22:13:20+00:00</xmp:ModifyDate>" in after.xmp
+    assert after.xmp == before.xmp
     assert before.iptc == (None if kind == "webp" else IPTC)
     assert after.iptc == (None if suffix == ".webp" else before.iptc)
     assert after.modified_ns == before.modified_ns == 1_500_000_000 * 10**9
 
 
+@pytest.mark.filterwarnings("ignore:left out of the result")
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp"])
 def test_the_thumbnail_shows_the_result(tmp_path: Path, suffix: str) -> None:
     before, after = copied(photo(tmp_path, "drone"), suffix, tmp_path)
@@ -162,16 +153,12 @@ def test_the_thumbnail_shows_the_result(tmp_path: Path, suffix: str) -> None:
     assert after.exif is not None
     # The maker's notes stay at their place, to which they may point.
     assert after.exif.index(NOTES) == before.exif.index(NOTES)
-    block = Image.Exif()
-    block.load(after.exif)
-    assert (block[305], block[306]) == (_metadata.AGENT, "2023:11:14 22:13:20")
-    assert (block[271], block[274], block.get_ifd(34853)[2]) == ("Maker", 6, (50.0, 4.0, 30.5))
-    camera = block.get_ifd(34665)
-    assert (camera[36880], camera[37520].strip("\0"), camera[36867]) == ("+00:00", "000", "2020:01:01 00:00:00")
-    with Image.open(BytesIO(after.exif[after.exif.index(b"\xff\xd8\xff") :])) as thumbnail:
+    start = after.exif.index(b"\xff\xd8\xff")
+    assert after.exif[:start] != before.exif[:start]  # its length
+    with Image.open(BytesIO(after.exif[start:])) as thumbnail:
         assert thumbnail.size == (WIDTH, HEIGHT)
         assert np.abs(np.asarray(thumbnail.convert("L")).astype(int) - 200).max() <= 2
-    # The red thumbnail is gone.
+    # The old thumbnail is gone.
     assert after.exif.count(b"\xff\xd8\xff") == 1
 
 
@@ -197,97 +184,27 @@ def test_parts_of_the_original_are_left_out_with_a_message(tmp_path: Path, kind:
     assert b"MPF" not in (tmp_path / "copy.jpg").read_bytes()
 
 
-@pytest.mark.filterwarnings("ignore:left out of the result")
-def test_xmp_says_nothing_of_parts_that_are_gone(tmp_path: Path) -> None:
-    _, after = copied(photo(tmp_path, "phone"), ".jpg", tmp_path)
-    assert after.xmp is not None
-    for text in (b"MotionPhoto", b"Directory", b"GainMap", b"hdrgm:Version", b"HasExtendedXMP", b"provenance"):
-        assert text not in after.xmp
-    for text in (b'HdrPlusMakernote="SERSUA"', b'mm:DocumentID="doc"'):
-        assert text in after.xmp
+def test_packets_that_describe_lost_parts_are_named(tmp_path: Path) -> None:
+    with pytest.warns(RsdeblurWarning, match="XMP packet, which describes parts"):
+        _, after = copied(photo(tmp_path, "phone"), ".jpg", tmp_path)
+    assert after.xmp is None
 
 
-def test_facts_need_a_file(tmp_path: Path) -> None:
-    for path in (tmp_path, tmp_path / "missing.jpg"):
-        with pytest.raises(FileFormatError, match="cannot read the file"):
-            file_facts(path)
-
-
-def test_history_grows_by_an_entry() -> None:
-    pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
-    first = with_history(Picture(pixels), {"options": {"prior": "tv"}})
-    second = with_history(first, {"weight": 0.5})
-    for picture, entries in ((first, 1), (second, 2)):
-        tree = _xmp._parsed(picture.xmp)
-        found = tree.getElementsByTagNameNS(_xmp.RDF, "li")
-        assert len(found) == entries
-        assert found[0].getAttributeNS(_xmp.EVENT, "softwareAgent") == _metadata.AGENT
-        assert json.loads(found[0].getAttributeNS(_xmp.EVENT, "parameters")) == {"options": {"prior": "tv"}}
-    kept = with_history(Picture(pixels, xmp=PHONE), {})
-    assert kept.xmp is not None
-    # The prefix of the packet is used.
-    assert kept.xmp.count(b"<mm:History>") == 1
-    assert kept.xmp.count(b"<rdf:li") == 3
-
-
-@pytest.mark.parametrize("packet", [b"<x", b"\xff" * 50, b"<!DOCTYPE a [<!ENTITY b 'c'>]><a/>", b"<a/>", b"\0" * 9])
-def test_a_damaged_packet_is_left_out(packet: bytes) -> None:
-    with pytest.raises(ValueError, match=r"\w"):
-        _xmp.renewed(packet, 4, 3, datetime(2020, 1, 1, tzinfo=UTC))
-    pixels = np.zeros((4, 4), np.uint8)
-    with pytest.warns(RsdeblurWarning, match="XMP packet"):
-        _metadata.renewed(_metadata.Metadata(xmp=packet), pixels, transfer="srgb")
-
-
-# Tags of exiftool's listing that a result may change: its own file, the coding of its pixels, and what is renewed.
-CHANGED = {
-    "System": None, "File": None, "JFIF": None, "PNG": None, "Composite": None, "IFD1": None, "QuickTime": None,
-    "ICC-header": None, "Meta": None,
-    "ExifTool": {"Warning"},
-    "IFD0": {"Software", "ModifyDate", "StripOffsets", "StripByteCounts", "Compression", "Predictor", "RowsPerStrip"},
-    "ExifIFD": {"OffsetTime", "SubSecTime"},
-    "XMP-xmp": {"ModifyDate", "MetadataDate"}, "XMP-xmpMM": {"InstanceID"}, "XMP-tiff": {"ImageWidth"},
-    "XMP-GCamera": {"MotionPhoto", "MotionPhotoVersion"}, "XMP-cam": {"MotionPhoto", "MotionPhotoVersion"},
-}  # fmt: skip
-GONE = {
-    "XMP-box",
-    "XMP-GContainer",
-    "XMP-hdrgm",
-    "XMP-xmpNote",
-    "XMP-dcterms",
-    "XMP-dc",
-    "MPF0",
-    "MPImage1",
-    "MPImage2",
-    "JUMBF",
-}
-
-
-def listing(path: Path) -> dict[tuple[str, str], list[str]]:
-    """Return the values of `exiftool -a -G1 -s` by group and tag."""
-    command = ["exiftool", "-a", "-G1", "-s", "-j", "-struct", str(path)]
-    (found,) = json.loads(subprocess.run(command, capture_output=True, check=True, text=True).stdout)
-    return {tuple(name.split(":", 1)): value for name, value in found.items() if ":" in name}
-
-
-@pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool is not installed")
-@pytest.mark.filterwarnings("ignore:left out of the result")
 @pytest.mark.parametrize(
-    ("kind", "suffix"), [("phone", ".jpg"), ("drone", ".jpg"), ("tiff", ".tif"), ("png", ".png"), ("heic", ".jpg")]
+    ("suffix", "sizes", "lost"),
+    [
+        (".webp", {"iptc": 9}, ("IPTC",)),
+        (".npy", {"iptc": 9, "xmp": 9, "exif": 9}, ("IPTC", "XMP", "EXIF")),
+        (".jpg", {"iptc": 70_000, "xmp": 70_000, "exif": 70_000}, ("IPTC", "XMP", "EXIF")),
+        (".tif", {"exif": 9}, ("EXIF",)),
+    ],
 )
-def test_exiftool_lists_the_same(tmp_path: Path, kind: str, suffix: str) -> None:
-    path = photo(tmp_path, kind)
-    copied(path, suffix, tmp_path)
-    before, after = listing(path), listing(tmp_path / f"copy{suffix}")
-
-    def kept(values: dict[tuple[str, str], Any]) -> dict[tuple[str, str], Any]:
-        return {
-            (group, tag): value
-            for (group, tag), value in values.items()
-            if group not in GONE and (names := CHANGED.get(group, set())) is not None and tag not in names
-        }
-
-    assert kept(after) == kept(before)
-    assert after["System", "FileModifyDate"] == before["System", "FileModifyDate"]
-    # The maker's notes of this test are nobody's.
-    assert after.get(("ExifTool", "Warning"), "") in ("", "[minor] Unrecognized MakerNotes")
+def test_what_a_format_cannot_hold_is_named_once(
+    tmp_path: Path, suffix: str, sizes: dict[str, int], lost: tuple[str, ...]
+) -> None:
+    like = Picture(np.zeros((4, 4, 3), np.uint8), **{name: b"x" * size for name, size in sizes.items()})
+    with pytest.warns(RsdeblurWarning, match="left out of the result") as caught:
+        write_picture(tmp_path / f"a{suffix}", like.pixels, like=like)
+    assert len(caught) == 1
+    for word in lost:
+        assert word in str(caught[0].message)

@@ -9,7 +9,7 @@ from rsdeblur.io.sessions import camera_in, files_in
 
 def test_results_are_not_taken_for_photos(tmp_path: Path) -> None:
     """A batch may write into its session; a later one into another folder must not deblur the results again."""
-    for name in ("a.png", "frames/b.png", "old/c.png", "old/.rsdeblur-batch/lock", "new/d.png"):
+    for name in ("a.png", "frames/b.png", "old/c.png", "old/batch.json", "new/d.png"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     photos = [tmp_path / "a.png", tmp_path / "frames" / "b.png"]

@@ -16,22 +16,29 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 from rsdeblur import kernels
-from rsdeblur.kernels import native, nlm, rowwise
+from rsdeblur.kernels import native, nlm
 from rsdeblur.kernels.floors import TilePowers
 from rsdeblur.kernels.frame import GATES, WORK
 from rsdeblur.kernels.rowwise import LANES, RowModel
 from rsdeblur.kernels.whittle import Tiles
 from rsdeblur.kernels.ycbcr import Coding
+from tests import oracles
 
 Array = np.ndarray[Any, Any]
 
-MODULES = [importlib.import_module(f"{kernels.__name__}.{m.name}") for m in pkgutil.iter_modules(kernels.__path__)]
+MODULES, ORACLES = (
+    [importlib.import_module(f"{package.__name__}.{m.name}") for m in pkgutil.iter_modules(package.__path__)]
+    for package in (kernels, oracles)
+)
+# Kernels, and what they are compared with: fallbacks of C in the package, or oracles of the tests.
 TWINS = {
-    name.removesuffix("_numpy"): module
-    for module in MODULES
-    for name in vars(module)
-    if name.endswith("_numpy") and name[0] != "_" and getattr(module, name).__module__ == module.__name__
+    name.removesuffix("_numpy"): value
+    for module in (*MODULES, *ORACLES)
+    for name, value in vars(module).items()
+    if name.endswith("_numpy") and name[0] != "_" and value.__module__ == module.__name__
 }
+KERNELS = {name: value for module in MODULES for name, value in vars(module).items() if name in TWINS}
+BOTH = pytest.mark.parametrize("found", [KERNELS, TWINS], ids=["fast", "numpy"])
 
 FLOATS = (np.nan, np.inf, -np.inf, 3e38, -3e38, 1e-45, -1e-45, -0.0, 1.0)
 # For arguments in float64, also what overflows or vanishes in float32.
@@ -203,10 +210,10 @@ def test_every_kernel_is_tried() -> None:
     assert {name.removeprefix("rowwise_").replace("workspace", "workspace_size") for name in in_c} <= TWINS.keys()
 
 
-@pytest.mark.parametrize("twin", ["", "_numpy"], ids=["fast", "numpy"])
+@BOTH
 @pytest.mark.parametrize("name", ARGUMENTS)
-def test_no_float_leads_out_of_bounds(name: str, twin: str) -> None:
-    kernel = getattr(TWINS[name], name + twin)
+def test_no_float_leads_out_of_bounds(name: str, found: dict[str, Any]) -> None:
+    kernel = found[name]
     for value in (None, *DOUBLES):
         hostile = Hostile(value)
         with np.errstate(all="ignore"):
@@ -215,18 +222,18 @@ def test_no_float_leads_out_of_bounds(name: str, twin: str) -> None:
 
 
 @pytest.mark.parametrize("value", DOUBLES)
-@pytest.mark.parametrize("twin", ["", "_numpy"], ids=["fast", "numpy"])
-def test_a_path_beyond_the_kernel_has_no_kernel(twin: str, value: float) -> None:
+@BOTH
+def test_a_path_beyond_the_kernel_has_no_kernel(found: dict[str, Any], value: float) -> None:
     """A path that is not within the kernel is neither cut off nor followed for ever."""
     path = np.zeros((1, 3, 2))
     path[0, 1, 0] = value
-    drawn = getattr(TWINS["rasterize"], "rasterize" + twin)(path, 2, 2)
+    drawn = found["rasterize"](path, 2, 2)
     assert np.isfinite(drawn).all() == (abs(value) < 2)
 
 
-@pytest.mark.parametrize("twin", ["", "_numpy"], ids=["fast", "numpy"])
-def test_a_rowwise_system_without_a_solution_gives_nan(twin: str) -> None:
+@BOTH
+def test_a_rowwise_system_without_a_solution_gives_nan(found: dict[str, Any]) -> None:
     arguments = ARGUMENTS["solve"](Hostile(1.0))
     arguments[5][:] = -3.0  # a negative ridge: not positive definite
-    getattr(rowwise, "solve" + twin)(*arguments)
+    found["solve"](*arguments)
     assert np.isnan(arguments[3]).any()

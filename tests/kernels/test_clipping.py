@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur.kernels.clipping import extremes, extremes_numpy, limit, limit_numpy
+from rsdeblur.kernels.clipping import extremes, limit
+from tests.oracles.clipping import extremes_numpy, limit_numpy
 
 
 @pytest.mark.parametrize("channels", [1, 3])

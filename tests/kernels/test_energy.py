@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rsdeblur.kernels.energy import halved_gradient_energy, halved_gradient_energy_numpy
+from rsdeblur.kernels.energy import halved_gradient_energy
+from tests.oracles.energy import halved_gradient_energy_numpy
 
 Energy = Callable[[np.ndarray], float]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur.kernels.extrapolate import CHUNK, extrapolate, extrapolate_numpy
+from rsdeblur.kernels.extrapolate import CHUNK, extrapolate
+from tests.oracles.extrapolate import extrapolate_numpy
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 1), (3, 7, 3), (2, CHUNK, 1), (5, CHUNK // 3, 3)])

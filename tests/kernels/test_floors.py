@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur.kernels.floors import TilePowers, fit_floors, fit_floors_numpy
+from rsdeblur.kernels.floors import TilePowers, fit_floors
+from tests.oracles.floors import fit_floors_numpy
 
 TILES, FREQUENCIES = 24, 480
 

@@ -7,6 +7,7 @@ import pytest
 
 from rsdeblur.kernels import frame
 from rsdeblur.kernels.frame import GATES, HALO, LEVELS, WORK
+from tests.oracles.frame import combine_numpy, cut_block_numpy, put_block_numpy
 
 COUNT = 3
 SHAPE = 45, 58
@@ -15,7 +16,7 @@ SHAPE = 45, 58
 def combined(planes, variances, means, factors, *, twin=False):
     out = np.empty([n - 2 * HALO for n in planes.shape[1:]], np.float32)
     work = np.zeros((WORK + len(planes), *planes.shape[1:]), np.float32)
-    (frame.combine_numpy if twin else frame.combine)(planes.copy(), variances, means, factors, GATES, work, out)
+    (combine_numpy if twin else frame.combine)(planes.copy(), variances, means, factors, GATES, work, out)
     return out
 
 
@@ -71,7 +72,7 @@ def test_blocks_are_cut_mixed_and_put_back():
     picture = rng.random((9, 11, 3)).astype(np.float32)
     mix = np.linalg.qr(rng.normal(size=(3, 3)))[0].astype(np.float32)
     rows, columns = np.array([2, 1, 0, 0, 1, 2]), np.arange(11)
-    for cut, put in ((frame.cut_block, frame.put_block), (frame.cut_block_numpy, frame.put_block_numpy)):
+    for cut, put in ((frame.cut_block, frame.put_block), (cut_block_numpy, put_block_numpy)):
         planes, back = np.empty((3, 6, 11), np.float32), np.empty((6, 11, 3), np.float32)
         cut(picture, rows, columns, mix, planes)
         np.testing.assert_allclose(planes, np.moveaxis(picture[rows] @ mix.T, -1, 0), atol=1e-6)

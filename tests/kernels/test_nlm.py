@@ -7,8 +7,9 @@ import pytest
 
 from rsdeblur.deconv import non_local_means as module
 from rsdeblur.deconv.non_local_means import non_local_means
-from rsdeblur.kernels.nlm import HALO, PATCH, WORK, average_alike, average_alike_numpy
+from rsdeblur.kernels.nlm import HALO, PATCH, WORK, average_alike
 from rsdeblur.simulation.scene import scene
+from tests.oracles.nlm import average_alike_numpy
 
 
 @pytest.mark.parametrize("channels", [1, 3])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rsdeblur.kernels import normal
+from tests.oracles.normal import add_normal_numpy, solve_normal_numpy
 
 
 def test_twins_agree() -> None:
@@ -20,7 +21,7 @@ def test_twins_agree() -> None:
     results = []
     for add, solve in (
         (normal.add_normal, normal.solve_normal),
-        (normal.add_normal_numpy, normal.solve_normal_numpy),
+        (add_normal_numpy, solve_normal_numpy),
     ):
         # What the sums held before the first picture does not count.
         signal, power, out = np.full(shape, np.nan, np.complex64), np.full((2, 4, 10), np.nan, f), pull.copy()

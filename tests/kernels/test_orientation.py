@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rsdeblur.kernels.orientation import (
-    integrated,
-    integrated_numpy,
-    orientations,
-    orientations_numpy,
-    rotation_matrix,
-)
+from rsdeblur.kernels.orientation import integrated, orientations
+from tests.oracles.orientation import integrated_numpy, orientations_numpy, rotation_matrix
 
 
 def test_the_kernel_equals_its_twin():

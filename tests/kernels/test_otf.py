@@ -5,14 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur.kernels.otf import (
-    columns_around_origin,
+from rsdeblur.kernels.otf import columns_around_origin, lowest_frequencies, put_columns, rows_around_origin
+from tests.oracles.otf import (
     columns_around_origin_numpy,
-    lowest_frequencies,
     lowest_frequencies_numpy,
-    put_columns,
     put_columns_numpy,
-    rows_around_origin,
     rows_around_origin_numpy,
 )
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from rsdeblur.kernels.periodogram import smoothed_power, smoothed_power_numpy
+from rsdeblur.kernels.periodogram import smoothed_power
+from tests.oracles.periodogram import smoothed_power_numpy
 
 
 @pytest.fixture(params=[(8, 8), (6, 4), (64, 64)], ids=str)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rsdeblur.kernels.poses import pinhole_paths, pinhole_paths_numpy, row_directions, row_directions_numpy
+from rsdeblur.kernels.poses import pinhole_paths, row_directions
+from tests.oracles.poses import pinhole_paths_numpy, row_directions_numpy
 
 
 def test_the_kernel_equals_its_twin():

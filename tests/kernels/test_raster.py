@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur.kernels.raster import rasterize, rasterize_numpy
+from rsdeblur.kernels.raster import rasterize
+from tests.oracles.raster import rasterize_numpy
 
 HALF_HEIGHT, HALF_WIDTH = 9, 12
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur.kernels.resample import sample, sample_numpy, to_spline, to_spline_numpy
+from rsdeblur.kernels.resample import sample, to_spline
+from tests.oracles.resample import sample_numpy, to_spline_numpy
 
 HEIGHT, WIDTH = 24, 31
 

@@ -7,15 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rsdeblur.kernels.spread import (
-    OVERSAMPLING,
-    WIDTH,
-    interpolated,
-    interpolated_numpy,
-    spread,
-    spread_numpy,
-    window_spectrum,
-)
+from rsdeblur.kernels.spread import OVERSAMPLING, WIDTH, interpolated, spread, window_spectrum
+from tests.oracles.spread import interpolated_numpy, spread_numpy
 
 PATHS = [
     [[0.3, -0.4], [0.3, -0.4]],

@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 
 from rsdeblur.image.transfer import to_linear
-from rsdeblur.kernels.tone import (
-    END,
-    look_up,
-    look_up_numpy,
-    to_srgb,
-    to_srgb_levels,
-    to_srgb_levels_numpy,
-    to_srgb_numpy,
-)
+from rsdeblur.kernels.tone import END, look_up, to_srgb, to_srgb_levels
+from tests.oracles.tone import look_up_numpy, to_srgb_levels_numpy, to_srgb_numpy
 
 # Dark and bright, below black and beyond white, and either side of the end of the straight part.
 LIGHT = np.concatenate(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur.kernels.undershoot import depths, depths_numpy, fade_to, fade_to_numpy
+from rsdeblur.kernels.undershoot import depths, fade_to
+from tests.oracles.undershoot import depths_numpy, fade_to_numpy
 
 
 @pytest.mark.parametrize("channels", [1, 3])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from rsdeblur.kernels.warp import average_warps, average_warps_numpy
+from rsdeblur.kernels.warp import average_warps
+from tests.oracles.warp import average_warps_numpy
 
 HEIGHT, WIDTH = 24, 31
 

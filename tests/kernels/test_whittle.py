@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur.kernels.whittle import Tiles, fit_gains, fit_gains_numpy, information, information_numpy
+from rsdeblur.kernels.whittle import Tiles, fit_gains, information
+from tests.oracles.whittle import fit_gains_numpy, information_numpy
 
 TILES, FREQUENCIES = 12, 160
 SECTORS = np.arange(0, FREQUENCIES + 1, 20)

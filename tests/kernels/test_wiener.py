@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur.kernels.wiener import invert, invert_numpy
+from rsdeblur.kernels.wiener import invert
+from tests.oracles.wiener import invert_numpy
 
 NSR, SCALE = np.float32(0.01), np.float32(0.5)
 

@@ -33,7 +33,7 @@ from rsdeblur import (
     simulate,
 )
 from rsdeblur.choices import DISTORTIONS, MODES
-from rsdeblur.io.kernels import read_psfs
+from rsdeblur.io.arrays import read_psfs
 from tests.installed import PRIORS
 
 HEIGHT, WIDTH = 36, 48

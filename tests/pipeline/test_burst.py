@@ -239,10 +239,7 @@ def test_horizontal_readout_and_rectify() -> None:
     "options",
     [
         {"border": "periodic"},
-        {"border": "reflect"},
-        {"border": "edge-taper"},
-        {"border": "smooth"},
-        {"border": "smooth", "prior": "tv", "weight": 0.01},
+        {"border": "periodic", "prior": "tv", "weight": 0.01},
         {"prior": "hyper-laplacian", "weight": 0.01, "exponent": 0.5},
         {"motion": "small-angle"},
         {"motion": "small-angle", "mode": "rowwise"},
@@ -309,8 +306,8 @@ def test_refine_corrects_the_recording_by_the_most_blurred_frames(monkeypatch: p
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"border": "unknown", "prior": "tv"}, 'border="unknown"; use border="smooth"'),
-        ({"border": "smooth", "mode": "rowwise"}, 'takes no border="smooth"'),
+        ({"border": "unknown", "prior": "tv"}, 'border="unknown"'),
+        ({"border": "unknown", "mode": "rowwise"}, 'takes no border="unknown"'),
         ({"reference": 3}, "reference"),
         ({"images": [PLAIN]}, "2 to 64 frames"),
         ({"images": [PLAIN] * 2}, "each frame needs an exposure"),

@@ -206,7 +206,7 @@ def test_alpha_beyond_its_range_is_clipped_in_integers(log: GyroLog) -> None:
 def test_integers_are_scaled_and_clipped(capture: Simulation, log: GyroLog, dtype: type, top: int) -> None:
     stored = np.round(capture.blurred.clip(0, 1) * top).astype(dtype)
     result = deblur(stored, log, CAMERA, EXPOSURE, transfer="linear").image
-    reference = deblur(stored.astype(np.float32) / top, log, CAMERA, EXPOSURE).image
+    reference = deblur(stored.astype(np.float32) / top, log, CAMERA, EXPOSURE, transfer="linear").image
     assert result.min() >= 0.0
     assert result.max() <= 1.0
     np.testing.assert_allclose(result, reference.clip(0, 1), atol=1e-6)

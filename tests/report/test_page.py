@@ -228,7 +228,7 @@ def test_findings_of_a_good_and_of_a_bad_capture() -> None:
     omega[:, 0] = np.clip(20 * omega[:, 0], -4.5, 4.5)
     keep = (t < 0.2) | ((t > 0.3) & (t < 0.575))
     grey[:30, :30, 1] = 255
-    bad = findings(grey, GyroLog(t[keep], omega[keep]), camera, exposure, psf=(9, 99), remarks=["odd"], unseen=0.1)
+    bad = findings(grey, GyroLog(t[keep], omega[keep]), camera, exposure, psf=(9, 101), remarks=["odd"], unseen=0.1)
     assert levels(bad) == {
         "Remark": "warning",
         "Gyro saturation": "warning",

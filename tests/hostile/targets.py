@@ -1,0 +1,172 @@
+"""What is damaged: the readers, valid files, and what must hold for everything that is read."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rsdeblur.cli._describe import (
+    describe_camera,
+    describe_captures,
+    describe_gyro,
+    describe_picture,
+    describe_trajectory,
+)
+from rsdeblur.io import read_acceleration, read_picture, write_picture
+from rsdeblur.io.picture_output import picture_to_fill
+from rsdeblur.psf import PsfBank
+from tests.hostile import packets, seeds
+from tests.hostile.mutate import mutated
+
+AS_IS: dict[str, Any] = dict.fromkeys(("format", "unit", "orientation"))
+WRITTEN = (".jpg", ".png", ".tif", ".webp", ".npy")
+MAPPED = (".npy", ".tif", ".png")
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """One reader and one format.
+
+    Parameters
+    ----------
+    read : callable
+        Reads a file and checks the result; may raise nothing but `RsdeblurError`.
+    seeds : callable
+        Makes valid files, or content that `pack` makes into files.
+    name : str
+        Name of the file.
+    text : bool
+        Whether to damage numbers, words and lines.
+    pack : callable, optional
+        Makes a file of the damaged content, for formats with check sums or compression, which reject random damage.
+    """
+
+    read: Callable[[Path], None]
+    seeds: Callable[[], Sequence[bytes]]
+    name: str = "file.bin"
+    text: bool = False
+    pack: Callable[[bytes], bytes] | None = None
+
+    def spoilt(self, number: int) -> bytes:
+        """Return hostile file `number`, the same in every run."""
+        rng = random.Random(f"{self.name} {number}")
+        contents = _seeds(self)
+        content = rng.choice(contents)
+        if self.pack is None:
+            return mutated(content, rng, contents, text=self.text)
+        content = mutated(content, rng, contents, text=self.text) if rng.random() < 0.9 else content
+        file = self.pack(content)
+        return mutated(file, rng, [file], text=False) if rng.random() < 0.15 else file
+
+
+@cache
+def _seeds(target: Target) -> Sequence[bytes]:
+    return target.seeds()
+
+
+def _gyro(path: Path) -> None:
+    json.dumps(describe_gyro(path, AS_IS))
+
+
+def _unstamped(path: Path) -> None:
+    json.dumps(describe_gyro(path, AS_IS | {"rate": 200.0}))
+
+
+def _acceleration(path: Path) -> None:
+    read_acceleration(path)
+
+
+def _trajectory(path: Path) -> None:
+    json.dumps(describe_trajectory(path))
+
+
+def _camera(path: Path) -> None:
+    json.dumps(describe_camera(path))
+
+
+def _captures(path: Path) -> None:
+    json.dumps(describe_captures(path))
+
+
+def _picture(path: Path) -> None:
+    picture = read_picture(path)
+    json.dumps(describe_picture(path))
+    # A picture that was read must be writable, with its EXIF block and profile.
+    extension = WRITTEN[path.stat().st_size % len(WRITTEN)]
+    if np.isfinite(picture.pixels).all():
+        write_picture(path.with_name(f"again{extension}"), picture.pixels, like=picture, force=True)
+
+
+def _mapped(path: Path) -> None:
+    picture = read_picture(path, in_place=True)
+    # Mapped pixels are read from the file only when they are used.
+    picture.pixels.sum()
+    again = path.with_name(f"again{MAPPED[path.stat().st_size % len(MAPPED)]}")
+    if np.isfinite(picture.pixels).all():
+        with picture_to_fill(again, picture.pixels.shape, like=picture, force=True, in_place=True) as out:
+            out[...] = picture.pixels
+
+
+def _bank(path: Path) -> None:
+    PsfBank.load(path)
+
+
+def _text(read: Callable[[Path], None], files: Sequence[bytes], name: str) -> Target:
+    return Target(read, lambda: files, name, text=True)
+
+
+TARGETS: dict[str, Target] = {
+    **{name: _text(_gyro, files, "log.csv") for name, files in seeds.GYRO_TABLES.items()},
+    "unstamped": _text(_unstamped, seeds.UNSTAMPED, "log.csv"),
+    "acceleration": _text(_acceleration, seeds.ACCELERATIONS, "accel.csv"),
+    "trajectory": _text(_trajectory, seeds.TRAJECTORIES, "poses.txt"),
+    "sensorlogger-json": Target(_gyro, lambda: [seeds.sensorlogger_json()], "log.json", text=True),
+    "gyrodata": Target(_gyro, lambda: [seeds.trailer()], "a.jpg"),
+    "zip": Target(_gyro, lambda: [seeds.GYRO_TABLES["sensorlogger"][0]], "a.zip", text=True, pack=seeds.archive),
+    "zip-file": Target(
+        _gyro,
+        lambda: [seeds.archive(seeds.GYRO_TABLES["sensorlogger"][0]), seeds.archive(seeds.trailer(), "version")],
+        "a.zip",
+    ),
+    "gyroflow": Target(
+        _gyro,
+        lambda: [
+            seeds.project({"raw_imu": [[0.005 * i, *rate] for i, rate in enumerate(seeds.RATES.tolist())]}),
+            seeds.project({"raw_imu": [{"timestamp_ms": 5 * i, "gyro": [1, 2, 3.5]} for i in range(9)]}),
+            seeds.packed_project(seeds.cbor(), "file_metadata"),
+            b'{"gyro_source": {"raw_imu": [[0.0, 1, 2, 3], [0.005, 1, 2, 3]]}}',
+        ],
+        "a.gyroflow",
+        text=True,
+    ),
+    "gyroflow-cbor": Target(
+        _gyro, lambda: [seeds.cbor()], "a.gyroflow", pack=partial(seeds.packed_project, key="file_metadata")
+    ),
+    "gyroflow-bincode": Target(
+        _gyro, lambda: [seeds.bincode()], "a.gyroflow", pack=partial(seeds.packed_project, key="raw_imu")
+    ),
+    "toml": _text(_camera, seeds.CAMERA_TOML, "camera.toml"),
+    "kalibr": _text(_camera, seeds.KALIBR, "camera.yaml"),
+    "gyroflow-lens": Target(_camera, lambda: [*seeds.LENSES, seeds.project({})], "lens.json", text=True),
+    "exif": Target(_camera, lambda: [seeds.exif()], "a.jpg", pack=seeds.jpeg),
+    **{name: _text(_captures, files, "captures.csv") for name, files in seeds.CAPTURES.items()},
+    "gyrodata-captures": Target(_captures, lambda: [seeds.trailer()], "a.jpg"),
+    "jpeg": Target(_picture, lambda: [*seeds.jpegs(), *packets.jpegs()], "a.jpg"),
+    "jpeg-exif": Target(_picture, lambda: [seeds.exif()], "a.jpg", pack=seeds.jpeg),
+    "png": Target(_picture, lambda: [*seeds.pngs(), *packets.pngs()], "a.png"),
+    "png-mended": Target(_picture, seeds.pngs, "a.png", pack=seeds.mended_png),
+    "webp": Target(_picture, lambda: [*seeds.webps(), *packets.webps()], "a.webp"),
+    "tiff": Target(_picture, lambda: [*seeds.tiffs(), *packets.tiffs()], "a.tif"),
+    "npy": Target(_picture, seeds.npys, "a.npy"),
+    "mapped": Target(_mapped, lambda: [*seeds.npys(), *seeds.tiffs()], "a.npy"),
+    "heic": Target(_picture, lambda: [seeds.heic(), *packets.heics()], "a.heic"),
+    "dng": Target(_picture, lambda: [seeds.dng()], "a.dng"),
+    "psf-bank": Target(_bank, lambda: [seeds.bank()], "bank.npz"),
+}

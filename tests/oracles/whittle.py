@@ -1,0 +1,81 @@
+"""Readable NumPy oracles of `rsdeblur.kernels.whittle`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur.kernels.whittle import FAINTEST, LONGEST, SETTLED, STEPS, Tiles
+from rsdeblur.types import FloatArray
+
+
+def fit_gains_numpy(tiles: Tiles, levels: FloatArray, stiffness: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Readable twin of :func:`fit_gains`."""
+    power, noise, expected, place, sectors = tiles
+    of_direction = np.repeat(np.arange(len(sectors) - 1), np.diff(sectors))
+    fits = [
+        min(
+            (_fit_tile(each, level * white, expected[at], sectors, of_direction, stiffness, white), level)
+            for level in levels
+        )
+        for each, white, at in zip(*(a.astype(np.float64) for a in (power, noise)), place, strict=True)
+    ]
+    nats, gains = zip(*((nats, gains) for (nats, gains), _ in fits), strict=True)
+    return np.array(nats), np.array(gains), np.array([level for _, level in fits])
+
+
+def _fit_tile(
+    power: FloatArray,
+    floor: FloatArray,
+    expected: NDArray[np.float32],
+    sectors: NDArray[np.intp],
+    of_direction: NDArray[np.intp],
+    stiffness: float,
+    unit: FloatArray,
+) -> tuple[float, list[float]]:
+    """Return the nats and the gains of a tile under the noise `floor`."""
+    scene, excess, count = expected.sum(dtype=np.float64), (power - floor).sum(), len(sectors) - 1
+    faintest = np.log(FAINTEST * floor.sum() / scene)
+    mean = max(np.log(np.maximum(excess, FAINTEST * floor.sum()) / scene) - 1.0, faintest)
+    logs = np.full(count, mean)
+    for _ in range(STEPS):
+        signal = np.exp(logs)[of_direction] * expected
+        variance = signal + floor
+        share = signal / variance
+        surprise = share * (variance - 0.5 * power) / (variance + 0.5 * power)
+        slopes = stiffness * (logs - mean) + np.add.reduceat(surprise, sectors[:-1])
+        bends = stiffness + 1e-6 + np.add.reduceat(0.5 * share**2, sectors[:-1])
+        common = stiffness / count * (slopes / bends).sum() / max(1.0 - stiffness / count * (1 / bends).sum(), 1e-9)
+        moved = np.maximum(logs + (-(slopes + common) / bends).clip(-LONGEST, LONGEST), faintest)
+        longest, logs = np.abs(moved - logs).max(), moved
+        mean = logs.mean()
+        if longest < SETTLED:
+            break
+    variance = np.exp(logs)[of_direction] * expected + floor
+    nats = np.log(np.square(variance + 0.5 * power) / (variance * unit)).sum()
+    return float(nats + 0.5 * stiffness * np.square(logs - mean).sum()), np.exp(logs).tolist()
+
+
+def information_numpy(
+    tiles: Tiles,
+    slopes: NDArray[np.float32],
+    fitted: tuple[FloatArray, FloatArray],
+    stiffness: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Readable twin of :func:`information`."""
+    power, noise, expected, place, sectors = tiles
+    gains, levels = fitted
+    signal = np.repeat(gains, np.diff(sectors), axis=1) * expected[place]
+    variance = signal + levels[:, None] * noise
+    share = signal / variance
+    surprise = (variance - 0.5 * power) / (variance + 0.5 * power)
+    change = share * slopes[:, place]
+    gradient = np.einsum("nf,qnf->nq", surprise, change)
+    mixed = np.add.reduceat(0.5 * share * change, sectors[:-1], axis=2)
+    own = np.add.reduceat(0.5 * share**2, sectors[:-1], axis=1) + stiffness + 1e-6
+    count = len(sectors) - 1
+    fisher = 0.5 * np.einsum("pnf,qnf->npq", change, change)
+    for tile in range(len(power)):
+        of_gains = np.diag(own[tile]) - stiffness / count
+        fisher[tile] -= mixed[:, tile] @ np.linalg.solve(of_gains, mixed[:, tile].T)
+    return gradient, fisher
