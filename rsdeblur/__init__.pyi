@@ -25,6 +25,8 @@ from .estimate.refine import Refinement as Refinement
 from .estimate.refine import refine as refine
 from .estimate.strength import Tuning as Tuning
 from .estimate.time_offset import OffsetSearch as OffsetSearch
+from .estimate.time_offset import SharedOffset as SharedOffset
+from .estimate.time_offset import find_shared_time_offset as find_shared_time_offset
 from .estimate.time_offset import find_time_offset as find_time_offset
 from .estimate.triage import Triage as Triage
 from .estimate.triage import triage as triage

@@ -88,7 +88,7 @@ class PhotoSet:
             start = replace(self.start, readout_direction=camera.readout_direction)
             recordings = [replace(each, camera=start) for each in self.recordings]
             self._spectra[key] = [
-                TileSpectra(light, recording, side=side, threads=1)
+                TileSpectra(light, recording, side=side, soft=True, threads=1)
                 for light, recording, side in zip(self._lights, recordings, self._sides, strict=True)
             ]
         return self._spectra[key]

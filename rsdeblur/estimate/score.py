@@ -6,7 +6,6 @@ Corrections are places of a :class:`rsdeblur.estimate.posterior.Posterior`; scor
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import starmap
@@ -83,12 +82,6 @@ class PhotoMeasures:
         self._streak_nats: dict[bytes, float] = {}
         self._tiles: dict[bytes, FloatArray] = {}
         self._whole_sparsities: dict[bytes, float] = {}
-
-    def renewed(self) -> PhotoMeasures:
-        """Return the same measures for another recording, of which nothing is known yet."""
-        other = copy(self)
-        other._streak_nats, other._tiles, other._whole_sparsities = {}, {}, {}
-        return other
 
     @cached_property
     def whole(self) -> Sharpness:
@@ -170,20 +163,13 @@ class Score:
         pairs = list(zip(lights, recordings, strict=True))
 
         def likelihood(light: NDArray[np.float32], recording: Recording) -> PhotoLikelihood:
-            spectra = TileSpectra(light, recording, side=spectra_side(recording), threads=1)
+            spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True, white=False, threads=1)
             return PhotoLikelihood(spectra, recording, deviations)
 
         with beside(lambda: list(starmap(LightStreaks, pairs)), threads) as streaks:
             likelihoods = list(starmap(likelihood, pairs))
             measures = [PhotoMeasures(*pair, each) for pair, each in zip(pairs, streaks(), strict=True)]
         return cls(_posterior(likelihoods, deviations, threads), measures, threads)
-
-    def under(self, recordings: Sequence[Recording], deviations: FloatArray) -> Score:
-        """Return the scores of corrections of other recordings of the same photos."""
-        spectra = (photo.likelihood.spectra for photo in self.photos)
-        likelihoods = [PhotoLikelihood(*pair, deviations) for pair in zip(spectra, recordings, strict=True)]
-        measures = [photo.measures.renewed() for photo in self.photos]
-        return Score(_posterior(likelihoods, deviations, self._threads), measures, self._threads)
 
     def alone(self, n: int) -> Score:
         """Return the scores by one of the photos alone."""
@@ -222,14 +208,6 @@ class Score:
     def _sparsities(self, place: FloatArray) -> FloatArray:
         pairs = zip(self.photos, place, strict=True)
         return np.array([measures.sparsity(likelihood, row) for (likelihood, measures), row in pairs])
-
-    def over(self, place: FloatArray, other: Score) -> float:
-        """Return the score of a correction over the recordings that `other` measures, of the same photos, nats."""
-        given = other.posterior.nats(other.nothing)
-        assert given is not None, "the log describes the exposures"
-        streaks = map(lead_of, self._streak_nats(place), other._streak_nats(other.nothing))
-        falls = other._sparsities(other.nothing) - self._sparsities(place)
-        return self.posterior.lead(place, given) + float(sum(streaks)) + NATS_PER_FALL * float(falls.sum())
 
     def whole_falls(self, places: Sequence[FloatArray]) -> FloatArray:
         """Return how much the logarithm of l1 / l2 of each photo falls in the whole solve, shape (places, N)."""
