@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.data import noted, pages
+from benchmarks.data import noted
 from benchmarks.refine import Case, cases, psnr
-from benchmarks.tables import append, markdown, recorded, write
+from benchmarks.tables import append, markdown, recorded, report
 from rsdeblur import find_time_offset, refine
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.motion.axes import PRESETS, imu_to_camera
@@ -26,29 +26,6 @@ PHONES = tuple(name for name in PRESETS if name.startswith("phone"))
 CAPTURES = 4
 # Errors of the clock offset, s.
 LATE = 3e-3, 15e-3
-
-PAGE = """\
-# Wrong axes
-
-What `find_time_offset` (`sync`) and [`refine`](../api.md#refinement) say of recordings whose `imu_to_camera` is wrong.
-Made by
-
-```sh
-python -m benchmarks.axes
-```
-
-The camera has each of the four phone presets in turn; {captures} captures are simulated for each, as for
-[Refinement](refine.md) (seed {seed}), and processed as by a phone. Each capture is given to both with all four presets,
-and with a clock offset that is wrong by 3 to 15 ms. A wrong preset turns the motion about the optical axis, by a
-quarter or by a half. *Sure*: `sync` answers; *named*: it refuses and names the axes. *Corrected*: `refine` accepts a
-correction; *better* and *worse*: the result gains or loses 0.5 dB by it.
-
-What tells axes apart was chosen on the seeds 4040 and 5050, where `sync` is sure of none of the 48 wrong recordings
-each and `refine` corrects none; before, these were 4 and 2 (seed 4040). One capture of seed 6060, with which `refine`
-corrected 3 wrong recordings before, was looked at as well. Of seed 7070, on which nothing was chosen, `refine` corrects
-none of 48 wrong recordings and 15 of 16 right ones.
-
-"""
 HEADER = "axes", "recordings", "sync: sure", "named", "refine: corrected", "named", "better", "worse"
 
 
@@ -109,12 +86,12 @@ def lines(rows: Sequence[Row]) -> Iterator[list[str]]:
 
 
 def main() -> None:
-    """Run the benchmark, print its table and write its page."""
+    """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--captures", type=int, default=CAPTURES, help="captures of each preset")
     parser.add_argument("--seed", type=int, default=6060)
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
-    parser.add_argument("--page", type=Path, default=pages() / "axes.md")
+    parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
     options = parser.parse_args()
     rows = [row for row in (Row(**each) for each in recorded(options.records)) if row.seed == options.seed]
     for case in cases(options.captures * len(PHONES), options.seed):
@@ -125,9 +102,7 @@ def main() -> None:
             rows.append(row)
             print(row, flush=True)
             append(options.records, asdict(row))
-    text = markdown(HEADER, lines(rows))
-    print(noted(text))
-    write(options.page, noted(PAGE.format(captures=options.captures, seed=options.seed) + text))
+    report(noted(markdown(HEADER, lines(rows))), options.markdown)
 
 
 if __name__ == "__main__":

@@ -1,16 +1,16 @@
 """How well `refine` corrects wrong recordings of simulated captures that a phone has processed.
 
-``python -m benchmarks.refine [--captures N] [--right N] [--records FILE]`` prints a table and writes
-docs/benchmarks/refine.md. Each row is appended to --records as soon as it is measured; rows that the file has are not
-measured again. The constants of `refine` were chosen on the same photographs at other moments of the log, with other
-seeds.
+``python -m benchmarks.refine [--photos N] [--captures N] [--right N] [--records FILE] [--markdown FILE]``. With
+``--photos 6`` each recording has six photos, which are refined together. Each row is appended to --records as soon as
+it is measured; rows that the file has are not measured again. The constants of `refine` were chosen on the same
+photographs at other moments of the log, with other seeds.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -22,65 +22,26 @@ from skimage.metrics import peak_signal_noise_ratio
 
 from benchmarks import data
 from benchmarks.captures import BORDER
-from benchmarks.data import Image, noted, pages
+from benchmarks.data import Image, noted
 from benchmarks.phone import processed
-from benchmarks.tables import append, markdown, recorded, write
+from benchmarks.tables import append, markdown, recorded, report
 from rsdeblur import Camera, Correction, Exposure, RsdeblurError, Simulation, deblur, refine, simulate
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.regions import with_factors
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.motion.axes import rotations
-from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.motion.paths import BlurPaths
 
 PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim19", "kodim20", "kodim23")
 KINDS = ("none", "offset", "readout", "scale", "bias", "drift", "all", "axes", "depths")
+# Those of a whole recording: drifts differ from photo to photo.
+SHARED_KINDS = ("none", "offset", "readout", "scale", "all", "axes")
 # Mean length of the paths that are used, px.
 LENGTHS = 4.0, 35.0
 # Softness of the pictures that are aligned, px, and the steps that this takes.
 SOFT, STEPS = 2.0, 5
 # Softness of the border between two depths, and the distance of the places of the true map, px.
 BORDER_SOFTNESS, MAP_STEP = 40.0, 16
-
-INTRODUCTION = """\
-# Refinement
-
-How well [`refine`](../api.md#refinement) corrects recordings that are wrong by a known amount. Made by
-
-```sh
-python -m benchmarks.refine --records FILE
-```
-
-Captures are Kodak pictures of 768x512 px under a real phone's shake at random moments (seed {seed}), exposures of 1/30
-to 1/10 s, readouts of 10 to 30 ms, mean blur of 4 to 35 px, processed as by a phone: mosaic, demosaicing, denoising,
-sharpening, tone curve, JPEG. The constants of `refine` were chosen at other moments of the same log.
-
-- **px**: root mean square distance of the paths from the true ones, as recorded and as refined; each path about its
-  mean.
-- **dB lost, left**: how much the PSNR in sRGB of `deblur` as recorded, and as refined, is below that with the true
-  recording; default options. A wrong clock or readout time also bends the sharp picture a little, which is no
-  blur, so pictures are aligned with the truth first, by a quadratic polynomial of their coordinates (12 numbers).
-- **Recovered**: the share of the lost dB that refinement brings back. Refused corrections bring back nothing.
-- **Worst**: the largest loss of one capture against its result as recorded, dB.
-
-The table says how many captures were measured; means of few captures vary widely.
-
-Errors are random: offsets of 5 to 20 ms, readout times x 0.7 to x 1.4, focal lengths +-7 or 15 %, a bias of the
-gyroscope of 0.01 to 0.03 rad/s, an even translation of 3.6 to 9.6 px, and smaller ones of all kinds together. Wrong
-axes of the gyro (one of the other 23 mountings) no correction can undo: they should be refused. *Depths* are two
-translations that the recording lacks: one side of the picture moves by 2.4 to 4.8 px, the other 2 to 4 times as far,
-with a soft border between them; the true recording has the map of depths.
-
-The constants of `refine` do not come from these captures, but the table was looked at while they were chosen. With
-`--seed 5151`, no right recording of 30 is corrected, and 92 % (offset), 75 % (readout), 49 % (scale), 49 % (bias), 89 %
-(drift), 81 % (all) and 67 % (depths) are recovered, of 15 captures each, and none of two depths loses. Of 160 other
-right recordings (`--right 40 --kinds none`, seeds 3131, 4242, 5252 and 6262), one is corrected, with a loss of 0.73 dB.
-
-A bias matters little in such short exposures, and most corrections of it are refused: of 0.03 rad/s in every capture,
-which costs 0.24 dB on average, 28 % (seed 2026) and 40 % (seed 5151) were recovered without a loss, before light
-streaks counted.
-
-[Wrong axes](axes.md) has more recordings with wrong axes.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +110,7 @@ class Depths(Case):
 
 @dataclass(frozen=True)
 class Row:
-    """What refinement did to one capture with one error: errors of the paths in px, PSNR in dB."""
+    """What refinement did to one recording with one error: errors of the paths in px, PSNR in dB, means of photos."""
 
     seed: int
     capture: int
@@ -161,6 +122,39 @@ class Row:
     given: float
     refined: float
     true: float
+    photos: int = 1
+
+
+def recordings(count: int, seed: int, photos: int) -> Iterator[list[Case]]:
+    """Simulate the photos of some recordings."""
+    if photos == 1:
+        yield from ([case] for case in cases(count, seed))
+    else:
+        yield from (taken(photos, seed, number) for number in range(count))
+
+
+def taken(photos: int, seed: int, number: int) -> list[Case]:
+    """Simulate several photos of one recording, each of another scene, at random moments of the log."""
+    log, random = data.shake(), np.random.default_rng((seed, number))
+    scenes = [landscape(name) for name in random.choice(PICTURES, photos, replace=False)]
+    height, width, _ = scenes[0].shape
+    readout_time, duration = random.choice([0.01, 0.02, 0.03]), random.choice([1 / 30, 1 / 20, 1 / 15])
+    camera = Camera(width, height, width * random.uniform(0.75, 1.1), readout_time=float(readout_time))
+    found: list[Case] = []
+    while len(found) < photos:
+        exposure = Exposure(random.uniform(2, 55), float(duration), log.epoch_ns)
+        if usable(recording := Recording(log, camera, exposure)):
+            n = len(found)
+            found.append(Case(f"{number}-{n}", scenes[n], recording, photos * number + n))
+    return found
+
+
+def usable(recording: Recording) -> bool:
+    """Return whether the log describes the exposure, and the blur has a length that is used."""
+    try:
+        return bool(LENGTHS[0] < recording.capture().probe.lengths.mean() < LENGTHS[1])
+    except RsdeblurError:
+        return False
 
 
 def cases(count: int, seed: int) -> Iterator[Case]:
@@ -175,13 +169,9 @@ def cases(count: int, seed: int) -> Iterator[Case]:
             readout_time, duration = random.choice([0.01, 0.02, 0.03]), random.choice([1 / 30, 1 / 20, 1 / 15, 1 / 10])
             camera = Camera(width, height, width * random.uniform(0.75, 1.1), readout_time=float(readout_time))
             exposure = Exposure(random.uniform(2, 55), float(duration), log.epoch_ns)
-            try:
-                capture = Capture.from_log(log, camera, exposure)
-            except RsdeblurError:
-                continue
-            if LENGTHS[0] < capture.probe.lengths.mean() < LENGTHS[1]:
+            if usable(recording := Recording(log, camera, exposure)):
                 break
-        yield Case(f"{data.named(name)} {exposure.start:.1f} s", scene, Recording(log, camera, exposure), n)
+        yield Case(f"{data.named(name)} {exposure.start:.1f} s", scene, recording, n)
 
 
 def landscape(name: str) -> Image:
@@ -270,34 +260,58 @@ def psnr(case: Case, recording: Recording) -> float:
     return aligned_psnr(from_linear(case.simulation.rolling.clip(0, 1), "srgb"), result.image)
 
 
-def measured(case: Case, kind: str, seed: int) -> Row | None:
-    """Return what refinement does to a capture with an error; None where the log does not describe that recording."""
-    random = np.random.default_rng((seed, case.number, KINDS.index(kind)))
-    true = case.true
+def given_wrongly(photos: Sequence[Case], kind: str, random: np.random.Generator) -> list[Recording]:
+    """Return the recordings of photos with one error; several photos have no drift in common."""
+    first = photos[0].true
+    if kind == "axes":
+        camera = mounted(random, first).camera
+        return [replace(photo.true, camera=camera) for photo in photos]
+    wrong = error(kind, random, first)
+    if len(photos) > 1:
+        wrong = replace(wrong, drift_x=0.0, drift_y=0.0)
+    return [photo.true.corrected(wrong) for photo in photos]
+
+
+def measured(photos: list[Case], capture: int, kind: str, seed: int) -> Row | None:
+    """Return what refinement does to a recording with an error; None where the log does not describe all photos."""
+    kinds = KINDS if len(photos) == 1 else SHARED_KINDS
+    random = np.random.default_rng((seed, capture, kinds.index(kind)))
     if kind == "depths":
-        case = Depths.of(case, random)
-        true = case.known
+        photos = [Depths.of(photos[0], random)]
+    true = [photo.known if isinstance(photo, Depths) else photo.true for photo in photos]
     try:
-        given = mounted(random, case.true) if kind == "axes" else case.true.corrected(error(kind, random, case.true))
-        given_px = distance(given, true)
+        given = given_wrongly(photos, kind, random)
+        given_px = mean_distance(given, true)
     except RsdeblurError:
         return None
-    begin = time.process_time()
-    found = refine(case.picture, given.log, given.camera, given.exposure, translation=given.translation)
-    seconds = time.process_time() - begin
-    refined = Recording(found.log, found.camera, found.exposure, found.translation) if found.accepted else given
+    shared = given[0].log, given[0].camera, [each.exposure for each in given]
+    begin = time.perf_counter()
+    found = refine([photo.picture for photo in photos], *shared, translation=given[0].translation)
+    seconds = time.perf_counter() - begin
+    refined = [Recording(each.log, each.camera, each.exposure, each.translation) for each in found]
     return Row(
         seed,
-        case.number,
+        capture,
         kind,
-        found.accepted,
+        found[0].accepted,
         seconds,
         given_px,
-        distance(refined, true),
-        given=psnr(case, given),
-        refined=psnr(case, refined),
-        true=psnr(case, true),
+        mean_distance(refined, true),
+        given=mean_psnr(photos, given),
+        refined=mean_psnr(photos, refined),
+        true=mean_psnr(photos, true),
+        photos=len(photos),
     )
+
+
+def mean_distance(given: Sequence[Recording], true: Sequence[Recording]) -> float:
+    """Return the mean distance of the paths of photos from the true ones, px."""
+    return float(np.mean([distance(a, b) for a, b in zip(given, true, strict=True)]))
+
+
+def mean_psnr(photos: Sequence[Case], given: Sequence[Recording]) -> float:
+    """Return the mean PSNR (dB) of photos deblurred with their recordings."""
+    return float(np.mean([psnr(photo, recording) for photo, recording in zip(photos, given, strict=True)]))
 
 
 def table(rows: list[Row]) -> str:
@@ -327,33 +341,35 @@ def table(rows: list[Row]) -> str:
                 f"{max(worst, 0.0):.2f}",
             )
         )
-    return markdown(("error", "captures", "accepted", "px", "dB lost", "left", "recovered", "worst"), lines)
+    return markdown(("error", "recordings", "accepted", "px", "dB lost", "left", "recovered", "worst"), lines)
 
 
 def main() -> None:
-    """Run the benchmark, print its table and write its page."""
+    """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--captures", type=int, default=15, help="captures with every kind of error")
-    parser.add_argument("--right", type=int, default=30, help="captures whose recording is right")
-    parser.add_argument("--kinds", default=",".join(KINDS), help="kinds of errors to measure, separated by commas")
+    parser.add_argument("--photos", type=int, default=1, help="photos of each recording, up to 8")
+    parser.add_argument("--captures", type=int, default=15, help="recordings with every kind of error")
+    parser.add_argument("--right", type=int, default=30, help="recordings that are right")
+    parser.add_argument("--kinds", help="kinds of errors to measure, separated by commas (all)")
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
-    parser.add_argument("--page", type=Path, default=pages() / "refine.md")
+    parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
     options = parser.parse_args()
-    rows = {(row.capture, row.kind): row for row in (Row(**each) for each in recorded(options.records))}
-    for n, case in enumerate(cases(max(options.captures, options.right), options.seed)):
-        for kind in options.kinds.split(","):
+    kinds = options.kinds.split(",") if options.kinds else KINDS if options.photos == 1 else SHARED_KINDS
+    known = (Row(**each) for each in recorded(options.records))
+    rows = {(row.capture, row.kind): row for row in known if (row.seed, row.photos) == (options.seed, options.photos)}
+    count = max(options.captures, options.right)
+    for n, photos in enumerate(recordings(count, options.seed, options.photos)):
+        for kind in kinds:
             if (n, kind) in rows or n >= (options.right if kind == "none" else options.captures):
                 continue
-            row = measured(case, kind, options.seed)
+            row = measured(photos, n, kind, options.seed)
             if row is None:
                 continue
             rows[n, kind] = row
-            print(f"{case.name}, {kind}: {row}", flush=True)
+            print(f"{photos[0].name}, {kind}: {row}", flush=True)
             append(options.records, asdict(row))
-    text = table(list(rows.values()))
-    print(noted(text))
-    write(options.page, noted(INTRODUCTION.format(seed=options.seed) + "\n" + text))
+    report(noted(table(list(rows.values()))), options.markdown)
 
 
 if __name__ == "__main__":

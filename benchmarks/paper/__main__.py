@@ -19,7 +19,7 @@ from benchmarks import machine
 from benchmarks.data import noted, pages
 from benchmarks.paper import baselines, borders, clock, failures, geometry, noise, options, rolling, speed
 from benchmarks.paper.figure import section
-from benchmarks.tables import markdown, write
+from benchmarks.tables import write
 
 GROUPS = {
     "geometry": geometry,
@@ -38,7 +38,7 @@ INTRODUCTION = """\
 Made by `python -m benchmarks.paper`; do not edit. It repeats the figures and tables of Sindelar and Sroubek (2013,
 [reference](../theory.md#references)) on simulated captures with known truth, and adds some that need the truth.
 `global` with `motion="small-angle"` is their method. One sentence in each section states whether their finding holds
-here. The numbers are in CSV and JSON files beside the pictures.
+here.
 """
 
 
@@ -86,9 +86,12 @@ def page(folder: Path, load: float) -> str:
     records = [json.loads(file.read_text()) for file in folder.glob("*.json")]
     records.sort(key=lambda record: (list(GROUPS).index(record["group"]), record["place"]))
     seconds, busy = (sum(record[key] for record in records) for key in ("seconds", "processor_seconds"))
-    facts = markdown(("machine", "fact"), list(machine.facts().items()))
-    times = f"All figures together took {seconds:.0f} s, and {busy:.0f} s of processor time."
-    return "\n\n".join([INTRODUCTION.rstrip(), facts, *machine.busy(load), times, *map(section, records)])
+    facts = machine.facts()
+    times = (
+        f"Measured on {facts['cores']} cores of {facts['processor']} (SIMD: {facts['simd']}, FFTW {facts['fftw']}) in "
+        f"{seconds:.0f} s, with {busy:.0f} s of processor time."
+    )
+    return "\n\n".join([INTRODUCTION.rstrip(), times, *machine.busy(load), *map(section, records)])
 
 
 if __name__ == "__main__":

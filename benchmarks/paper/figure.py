@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.tables import markdown
-
 Cell = str | float
 Draw = Callable[[Any], None]
 
@@ -61,24 +59,19 @@ class Figure:
 
 
 def section(record: Mapping[str, Any]) -> str:
-    """Return the section of a figure, from its JSON."""
-    table = markdown(record["columns"], [[_text(cell) for cell in row] for row in record["rows"]])
+    """Return the section of a figure, from its JSON; the table is in its CSV."""
+    name = record["name"]
     parts = (
         f"## {record['title']}",
-        _wrapped(record["about"]),
         _wrapped(f"**{record['finding']}**"),
-        f"![{record['title']}](paper/{record['name']}.svg)",
-        table,
+        _wrapped(f"{record['about']} [Numbers](paper/{name}.csv)"),
+        f"![{record['title']}](paper/{name}.svg)",
     )
     return "\n\n".join(parts)
 
 
 def _wrapped(text: str) -> str:
     return textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False)
-
-
-def _text(cell: Cell) -> str:
-    return cell if isinstance(cell, str) else f"{cell:.4g}"
 
 
 def lines(

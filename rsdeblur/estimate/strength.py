@@ -37,7 +37,7 @@ from rsdeblur.estimate.noise import OCTAVES, noise_level, noise_spectrum, overal
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
 
-# docs/benchmarks/priors.md has the measurements behind all constants.
+# docs/benchmarks/quality.md has the measurements behind all constants.
 # Factor on the variance of the noise, for two reasons. Errors count in encoded values, where shadows have more weight,
 # and so has noise that is even in light. And pictures have less of the finest detail than a lens leaves.
 FINE_NOISE = 4.0

@@ -195,7 +195,7 @@ def test_figures_of_several_runs_make_one_page(module, tmp_path, monkeypatch):
         assert "Holds: 1." in next(paper.run(name, tmp_path, quick=True))
     page = paper.page(tmp_path, load=0.0)
     assert page.index("## Title of first") < page.index("## Title of last")
-    assert "| b | 2 |" in page
+    assert "[Numbers](paper/last.csv)" in page
     assert (tmp_path / "first.csv").read_text() == "x,a\n0.0,1.0\nb,2.0\n"
     assert "<svg" in (tmp_path / "last.svg").read_text()
 
