@@ -122,8 +122,8 @@ def paths(paths: BlurPaths, picture: ArrayLike | None = None, *, ax: Axes | None
     --------
     >>> import rsdeblur.plot
     >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(640, 480, 500.0)
-    >>> capture = rsdeblur.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
-    >>> grid = rsdeblur.BlurPaths.from_capture(capture, rows=[100, 300], cols=[200, 400])
+    >>> capture = rsdeblur.motion.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
+    >>> grid = rsdeblur.motion.BlurPaths.from_capture(capture, rows=[100, 300], cols=[200, 400])
     >>> len(rsdeblur.plot.paths(grid).collections)
     4
     """
