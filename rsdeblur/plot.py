@@ -39,6 +39,8 @@ DIM = 0.4  # brightness left to the picture below kernels and paths
 AROUND, LEAST_AROUND = 0.5, 0.02
 COLOURS = ("tab:red", "tab:green", "tab:blue")
 
+__all__ = ["comparison", "kernels", "log", "paths"]
+
 
 def kernels(
     bank: PsfBank, picture: ArrayLike | None = None, *, transfer: Transfer | Auto = "auto", ax: Axes | None = None
