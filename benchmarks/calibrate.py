@@ -23,8 +23,9 @@ from skimage.transform import resize
 from benchmarks import data
 from benchmarks.data import noted
 from benchmarks.tables import markdown, report
-from rsdeblur import Calibration, Camera, Exposure, GyroLog, Translation, hand_shake, simulate_clip
+from rsdeblur import Camera, Exposure, GyroLog, Translation, hand_shake, simulate_clip
 from rsdeblur.choices import READOUT_DIRECTIONS
+from rsdeblur.estimate import Calibration
 from rsdeblur.estimate.calibrate import calibrate_matches
 from rsdeblur.estimate.clip_matches import ClipMatches, match_clip
 from rsdeblur.motion.axes import letters, mountings

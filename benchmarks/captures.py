@@ -11,8 +11,9 @@ from skimage.transform import rescale
 
 from benchmarks import data
 from benchmarks.data import Image
-from rsdeblur import Camera, Exposure, GyroLog, Simulation, Translation, simulate
+from rsdeblur import Camera, Exposure, GyroLog, Translation, simulate
 from rsdeblur.image.transfer import from_linear, to_linear
+from rsdeblur.simulation import Simulation
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 
 from benchmarks.data import Image
-from rsdeblur import BlurPaths, Camera, Exposure, GyroLog, PsfBank, simulate_clip
+from rsdeblur import Camera, Exposure, GyroLog, PsfBank, simulate_clip
+from rsdeblur.motion import BlurPaths
 from rsdeblur.motion.paths import Capture
 from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.psf import tile_centres

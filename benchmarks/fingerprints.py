@@ -296,19 +296,21 @@ def tiled(border: Any, prior: Any) -> Fingerprint:
     if prior is None:
         return {"image": digest(rs.Deconvolver(bank, taken.light.shape, nsr=0.02, **settings).apply(taken.light))}
     height, width, channels = taken.light.shape
-    solver = rs.TileQuadratic(bank, (height, width, channels), nsr=0.001, **settings)
-    return {"image": digest(solver.apply(taken.light, prior=rs.DerivativePrior(prior, 0.003, exponent=0.7, peak=0.9)))}
+    solver = rs.deconv.TileQuadratic(bank, (height, width, channels), nsr=0.001, **settings)
+    penalty = rs.deconv.DerivativePrior(prior, 0.003, exponent=0.7, peak=0.9)
+    return {"image": digest(solver.apply(taken.light, prior=penalty))}
 
 
 def row_by_row(solver: Any, border: Any) -> Fingerprint:
     """Return the hash of what `RowDeconvolver` makes, or without a solver `RowBlur` and its adjoint."""
     taken = capture("plain")
-    traced = rs.Capture.from_log(*taken.recording, motion="rotation")
-    paths = rs.BlurPaths.every_row(traced, [60.0, 190.0], geometry="keep")
+    traced = rs.motion.Capture.from_log(*taken.recording, motion="rotation")
+    paths = rs.motion.BlurPaths.every_row(traced, [60.0, 190.0], geometry="keep")
     if solver is not None:
         settings: dict[str, Any] = {"nsr": 0.02, "solver": solver, "border": border, "planning": "estimate"}
-        return {"image": digest(rs.RowDeconvolver(paths, taken.light.shape, **settings, threads=2).apply(taken.light))}
-    blur = rs.RowBlur(paths, taken.light.shape[1], channels=3, threads=THREADS)
+        rows = rs.deconv.RowDeconvolver(paths, taken.light.shape, **settings, threads=2)
+        return {"image": digest(rows.apply(taken.light))}
+    blur = rs.deconv.RowBlur(paths, taken.light.shape[1], channels=3, threads=THREADS)
     latent = blur.adjoint(taken.light)
     return {"image": digest(latent, blur.forward(latent))}
 

@@ -29,10 +29,11 @@ from rich.progress import track
 from benchmarks.captures import QUICK, SimulatedCapture, quality, simulated
 from benchmarks.data import Image, noted
 from benchmarks.tables import markdown, report, write
-from rsdeblur import Camera, GyroLog, Simulation, deblur
+from rsdeblur import Camera, GyroLog, deblur
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import PRIORS, Prior
 from rsdeblur.image.transfer import from_linear, to_linear
+from rsdeblur.simulation import Simulation
 
 # Another mode is one more entry.
 MODES: dict[str, dict[str, Any]] = {

@@ -25,12 +25,13 @@ from benchmarks.captures import BORDER
 from benchmarks.data import Image, noted
 from benchmarks.phone import processed
 from benchmarks.tables import append, markdown, recorded, report
-from rsdeblur import Camera, Correction, Exposure, RsdeblurError, Simulation, deblur, refine, simulate
+from rsdeblur import Camera, Correction, Exposure, RsdeblurError, deblur, refine, simulate
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.regions import with_factors
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.motion.axes import rotations
 from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.simulation import Simulation
 
 PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim19", "kodim20", "kodim23")
 KINDS = ("none", "offset", "readout", "scale", "bias", "drift", "all", "axes", "depths")

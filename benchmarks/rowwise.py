@@ -27,10 +27,12 @@ from benchmarks.cases import EXPOSURE, NSR, Case, size
 from benchmarks.peers import QUICK_SIZE, SIZE
 from benchmarks.tables import markdown, print_table, write
 from benchmarks.timing import Job, Times, interleave, refuse_noise
-from rsdeblur import BlurPaths, Capture, Deconvolver, DerivativePrior, RowDeconvolver
+from rsdeblur import Deconvolver
+from rsdeblur.deconv import DerivativePrior, RowDeconvolver
 from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import BLOCK, LANES, RowModel
+from rsdeblur.motion import BlurPaths, Capture
 
 # Target for each height of the PSF in px: time of `apply`, in units of the global mode's `apply`.
 TARGETS = {17: 3.0, 31: 6.0, 77: 25.0}

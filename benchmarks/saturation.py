@@ -28,9 +28,10 @@ from benchmarks.captures import BORDER, READOUT, SimulatedCapture, quality, simu
 from benchmarks.data import Image, noted
 from benchmarks.priors import noisy
 from benchmarks.tables import markdown, report
-from rsdeblur import Camera, Exposure, Simulation, deblur, simulate
+from rsdeblur import Camera, Exposure, deblur, simulate
 from rsdeblur.choices import MODES, SATURATIONS, Prior
 from rsdeblur.image.transfer import from_linear, to_linear
+from rsdeblur.simulation import Simulation
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 

@@ -24,8 +24,9 @@ from benchmarks.captures import READOUT, SimulatedCapture, quality
 from benchmarks.phone import from_phone
 from benchmarks.priors import jpeg, noisy, with_errors
 from benchmarks.tables import markdown
-from rsdeblur import Camera, Capture, Exposure, deblur, simulate, to_linear
+from rsdeblur import Camera, Exposure, deblur, simulate, to_linear
 from rsdeblur.choices import PRIORS, VERDICTS, Prior, Verdict
+from rsdeblur.motion import Capture
 
 # (Kodak picture, start in the log in s)
 MOMENTS = [

@@ -34,9 +34,11 @@ from scipy.signal import fftconvolve
 from benchmarks.data import DATA, Image, require_data
 from benchmarks.phone import TRUTH_NOISE, TRUTH_QUALITY, processed
 from benchmarks.priors import jpeg
-from rsdeblur import Camera, Exposure, GyroLog, PsfBank, TileQuadratic, Tuning, from_linear, hand_shake, to_linear
+from rsdeblur import Camera, Exposure, GyroLog, PsfBank, from_linear, hand_shake, to_linear
 from rsdeblur._util.threads import thread_count
+from rsdeblur.deconv import TileQuadratic
 from rsdeblur.deconv.wavelet import FACTORS, MIDDLE, OPPONENT, PENALTIES, FrameSum, add_up, features
+from rsdeblur.estimate import Tuning
 from rsdeblur.kernels.frame import GATES, HALO, LEVELS
 from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.pipeline.steps import LEAST_WAVELET_NSR

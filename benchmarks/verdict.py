@@ -34,9 +34,10 @@ from benchmarks.data import Image, noted
 from benchmarks.phone import from_phone
 from benchmarks.priors import FOCAL_ERROR, OFFSET_ERROR, RATE_NOISE, jpeg, noisy
 from benchmarks.tables import append, markdown, recorded
-from rsdeblur import Correction, GyroLog, QualityCheck, RsdeblurError, deblur
+from rsdeblur import Correction, GyroLog, RsdeblurError, deblur
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import PRIORS, VERDICTS, Prior
+from rsdeblur.estimate import QualityCheck
 from rsdeblur.estimate.check import fall_back
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.image.encoded import EncodedImage

@@ -26,6 +26,9 @@ list::
 
 `motion` imports nothing from `deconv`, and `deconv` knows neither gyro log nor camera nor exposure: it takes only
 :class:`BlurPaths` and :class:`PsfBank`.
+
+The names that most users need are those of `rsdeblur` itself. `motion`, `deconv`, `estimate`, `pipeline` and
+`simulation` have those of their parts and results, like `rsdeblur.motion.Capture`.
 """
 
 try:
@@ -43,4 +46,6 @@ import lazy_loader
 
 # Names are imported at their first use, so that `rsdeblur --help` and short scripts start at once.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__all__ += ["__version__"]
+# `dir` lists the modules too; `from rsdeblur import *` leaves them out, as it would hide Python's `io`.
+_MODULES = ("deconv", "errors", "estimate", "io", "motion", "pipeline", "plot", "report", "simulation")
+__all__ = [*(name for name in __all__ if name not in _MODULES), "__version__"]

@@ -39,6 +39,8 @@ DIM = 0.4  # brightness left to the picture below kernels and paths
 AROUND, LEAST_AROUND = 0.5, 0.02
 COLOURS = ("tab:red", "tab:green", "tab:blue")
 
+__all__ = ["comparison", "kernels", "log", "paths"]
+
 
 def kernels(
     bank: PsfBank, picture: ArrayLike | None = None, *, transfer: Transfer | Auto = "auto", ax: Axes | None = None
@@ -122,8 +124,8 @@ def paths(paths: BlurPaths, picture: ArrayLike | None = None, *, ax: Axes | None
     --------
     >>> import rsdeblur.plot
     >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(640, 480, 500.0)
-    >>> capture = rsdeblur.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
-    >>> grid = rsdeblur.BlurPaths.from_capture(capture, rows=[100, 300], cols=[200, 400])
+    >>> capture = rsdeblur.motion.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
+    >>> grid = rsdeblur.motion.BlurPaths.from_capture(capture, rows=[100, 300], cols=[200, 400])
     >>> len(rsdeblur.plot.paths(grid).collections)
     4
     """

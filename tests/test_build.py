@@ -131,9 +131,21 @@ def test_import_is_light(tmp_path):
 
 
 def test_public_names_resolve():
-    for name in rsdeblur.__all__:
-        assert getattr(rsdeblur, name) is not None
+    packages = [getattr(rsdeblur, name) for name in ("motion", "deconv", "estimate", "pipeline", "simulation")]
+    for package in (rsdeblur, *packages):
+        for name in package.__all__:
+            assert getattr(package, name) is not None
     assert set(rsdeblur.__all__) > {"deblur", "simulate", "GyroLog", "Camera", "RsdeblurError", "__version__"}
+    assert len(rsdeblur.__all__) <= 40
+    # Every name has one place.
+    assert not any(set(rsdeblur.__all__) & set(package.__all__) for package in packages)
+
+
+def test_modules_are_found_without_importing_them(tmp_path):
+    code = "import rsdeblur; print(rsdeblur.motion.Capture.__name__, rsdeblur.io.read_depths.__name__)"
+    process = python(code, cwd=tmp_path)
+    assert (process.stdout, process.stderr) == ("Capture read_depths\n", "")
+    assert {"motion", "io", "plot"} <= set(dir(rsdeblur)) - set(rsdeblur.__all__)
 
 
 def test_no_room_is_named_like_a_public_name():

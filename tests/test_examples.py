@@ -11,26 +11,29 @@ import pytest
 
 import rsdeblur as rs
 import rsdeblur.io.pictures
-from rsdeblur import Camera, Exposure, InputError, PsfBank
+from rsdeblur import Camera, Exposure, InputError, PsfBank, deconv
 
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 LOG, CAMERA, EXPOSURE = rs.hand_shake(0.3, seed=3), Camera(48, 36, 60.0, readout_time=0.01), Exposure(0.1, 0.025)
 BANK = PsfBank.for_picture(np.eye(3)[None, None] / 3, (36, 48))
+PACKAGES = (rs, rs.motion, rs.deconv, rs.estimate, rs.pipeline, rs.simulation)
+PUBLIC = {name: getattr(package, name) for package in PACKAGES for name in package.__all__ if name != "__version__"}
+PUBLIC["read_depths"] = rs.io.read_depths
 # They read files of kinds that no example writes.
-WITHOUT_EXAMPLE = {"read_acceleration", "read_captures", "read_trajectory"}
+WITHOUT_EXAMPLE = {"read_captures", "read_trajectory"}
 
 
 def examples(name: str) -> list[doctest.DocTest]:
     """Return the docstrings of a public name and its methods that have examples."""
-    found = doctest.DocTestFinder(recurse=True).find(getattr(rs, name), name, globs={})
+    found = doctest.DocTestFinder(recurse=True).find(PUBLIC[name], name, globs={})
     return [test for test in found if test.examples]
 
 
-@pytest.mark.parametrize("name", sorted(set(rs.__all__) - {"__version__"}))
+@pytest.mark.parametrize("name", sorted(PUBLIC))
 def test_examples_print_what_they_say(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     tests = examples(name)
-    assert tests or not inspect.isfunction(getattr(rs, name)) or name in WITHOUT_EXAMPLE, "it needs an example"
+    assert tests or not inspect.isfunction(PUBLIC[name]) or name in WITHOUT_EXAMPLE, "it needs an example"
     for test in tests:
         report: list[str] = []
         doctest.DocTestRunner(optionflags=FLAGS).run(test, out=report.append)
@@ -39,13 +42,14 @@ def test_examples_print_what_they_say(name: str, tmp_path: Path, monkeypatch: py
 
 def test_representations_are_one_short_line() -> None:
     image = np.random.default_rng(0).random((36, 48), dtype=np.float32)
-    capture = rs.Capture.from_log(LOG, CAMERA, EXPOSURE)
-    paths = rs.BlurPaths.every_row(capture, [20.0])
+    capture = rs.motion.Capture.from_log(LOG, CAMERA, EXPOSURE)
+    paths = rs.motion.BlurPaths.every_row(capture, [20.0])
     result = rs.deblur(image, LOG, CAMERA, EXPOSURE, prior="wiener")
     things = [
         *(LOG, CAMERA, EXPOSURE, capture, paths, BANK, result, result.check, rs.plan(LOG, CAMERA, EXPOSURE)),
-        *(rs.Deconvolver(BANK, (36, 48)), rs.TileQuadratic(BANK, (36, 48)), rs.RowDeconvolver(paths, (36, 48))),
-        *(rs.RowBlur(paths, 48), rs.Tuning.of(image, BANK), rs.simulate(image, LOG, CAMERA, EXPOSURE)),
+        *(rs.Deconvolver(BANK, (36, 48)), deconv.TileQuadratic(BANK, (36, 48))),
+        *(deconv.RowDeconvolver(paths, (36, 48)), deconv.RowBlur(paths, 48)),
+        *(rs.estimate.Tuning.of(image, BANK), rs.simulate(image, LOG, CAMERA, EXPOSURE)),
         rs.Translation([0, 1], np.zeros((2, 3)), 1.0),
     ]
     for thing in things:

@@ -17,26 +17,11 @@ import pytest
 from numba.core.compiler_lock import global_compiler_lock
 from numpy.typing import NDArray
 
-from rsdeblur import (
-    BlurPaths,
-    Camera,
-    Capture,
-    Deconvolver,
-    DerivativePrior,
-    Exposure,
-    InputError,
-    PlugAndPlayPrior,
-    RowBlur,
-    RowDeconvolver,
-    TileQuadratic,
-    deblur,
-    hand_shake,
-    plan,
-    psfs,
-)
+from rsdeblur import Camera, Deconvolver, Exposure, InputError, deblur, hand_shake, plan, psfs
 from rsdeblur._util.threads import ThreadTeam
-from rsdeblur.deconv import fft
+from rsdeblur.deconv import DerivativePrior, PlugAndPlayPrior, RowBlur, RowDeconvolver, TileQuadratic, fft
 from rsdeblur.io import pictures
+from rsdeblur.motion import BlurPaths, Capture
 
 Image = NDArray[np.float32]
 Apply = Callable[..., Image]

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import rsdeblur as rs
-from rsdeblur import Camera, Exposure, GyroLog, InputError, PsfBank
-from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur import Camera, Exposure, GyroLog, InputError, PsfBank, deconv
+from rsdeblur.motion import BlurPaths, Capture, Trajectory
 
 SHAPE = (36, 48)
 LOG, CAMERA, EXPOSURE = rs.hand_shake(0.2, strength=1.0, seed=3), Camera(48, 36, 60.0), Exposure(0.05, 0.025)
@@ -21,9 +21,13 @@ BANK = PsfBank.for_picture(np.full((1, 5), 0.2), SHAPE)
 CAPTURE = Capture.from_log(LOG, CAMERA, EXPOSURE)
 PATHS = BlurPaths.every_row(CAPTURE, [20.0])
 TRANSLATION = rs.Translation([0, 1], [[0, 0, 0], [0, 0, 1]], 1.0)
-TRAJECTORY = rs.Trajectory([0, 1], [[0, 0, 0], [1, 0, 0]], [[0, 0, 0, 1]] * 2)
-WIENER, TILES, ROWS = rs.Deconvolver(BANK, SHAPE), rs.TileQuadratic(BANK, SHAPE), rs.RowDeconvolver(PATHS, SHAPE)
-BLUR, PLAN, PRIOR = rs.RowBlur(PATHS, 48), rs.plan(LOG, CAMERA, EXPOSURE), rs.DerivativePrior("tv", 0.01)
+TRAJECTORY = Trajectory([0, 1], [[0, 0, 0], [1, 0, 0]], [[0, 0, 0, 1]] * 2)
+WIENER, TILES, ROWS = (
+    rs.Deconvolver(BANK, SHAPE),
+    deconv.TileQuadratic(BANK, SHAPE),
+    deconv.RowDeconvolver(PATHS, SHAPE),
+)
+BLUR, PLAN, PRIOR = deconv.RowBlur(PATHS, 48), rs.plan(LOG, CAMERA, EXPOSURE), deconv.DerivativePrior("tv", 0.01)
 PIXELS = np.zeros((4, 4), np.uint8)
 
 # Nothing that any argument of these functions takes.
@@ -128,24 +132,24 @@ CALLS: dict[str, Call] = {
     "Deconvolver.replan: bank": WIENER.replan,
     "TileQuadratic.apply: image": lambda x: TILES.apply(x, prior=PRIOR),
     "TileQuadratic.apply: prior": lambda x: TILES.apply(IMAGE, prior=x),
-    "RowDeconvolver: paths": lambda x: rs.RowDeconvolver(x, SHAPE),
-    **options(rs.RowDeconvolver, (PATHS, SHAPE), "nsr solver border planning threads"),
+    "RowDeconvolver: paths": lambda x: deconv.RowDeconvolver(x, SHAPE),
+    **options(deconv.RowDeconvolver, (PATHS, SHAPE), "nsr solver border planning threads"),
     "RowDeconvolver.apply: image": ROWS.apply,
     "RowDeconvolver.apply: prior": lambda x: ROWS.apply(IMAGE, prior=x),
-    "RowBlur: paths": lambda x: rs.RowBlur(x, 48),
-    "RowBlur: width": lambda x: rs.RowBlur(PATHS, x),
-    "RowBlur: channels": lambda x: rs.RowBlur(PATHS, 48, channels=x),
+    "RowBlur: paths": lambda x: deconv.RowBlur(x, 48),
+    "RowBlur: width": lambda x: deconv.RowBlur(PATHS, x),
+    "RowBlur: channels": lambda x: deconv.RowBlur(PATHS, 48, channels=x),
     "forward: latent": BLUR.forward,
     "adjoint: picture": BLUR.adjoint,
-    "DerivativePrior: kind": lambda x: rs.DerivativePrior(x, 0.1),
-    "DerivativePrior: weight": lambda x: rs.DerivativePrior("tv", x),
-    "DerivativePrior: exponent": lambda x: rs.DerivativePrior("tv", 0.1, x),
-    "PlugAndPlayPrior: denoise": lambda x: rs.PlugAndPlayPrior(x, 0.1),
-    "PlugAndPlayPrior: weight": lambda x: rs.PlugAndPlayPrior(lambda image, sigma: image, x),
-    "Tuning.of: light": lambda x: rs.Tuning.of(x, BANK),
-    "Tuning.of: bank": lambda x: rs.Tuning.of(IMAGE, x),
-    "Tuning.of: one_filter": lambda x: rs.Tuning.of(IMAGE, BANK, one_filter=x),
-    "Layer: opacity": lambda x: rs.Layer(IMAGE, x),
+    "DerivativePrior: kind": lambda x: deconv.DerivativePrior(x, 0.1),
+    "DerivativePrior: weight": lambda x: deconv.DerivativePrior("tv", x),
+    "DerivativePrior: exponent": lambda x: deconv.DerivativePrior("tv", 0.1, x),
+    "PlugAndPlayPrior: denoise": lambda x: deconv.PlugAndPlayPrior(x, 0.1),
+    "PlugAndPlayPrior: weight": lambda x: deconv.PlugAndPlayPrior(lambda image, sigma: image, x),
+    "Tuning.of: light": lambda x: rs.estimate.Tuning.of(x, BANK),
+    "Tuning.of: bank": lambda x: rs.estimate.Tuning.of(IMAGE, x),
+    "Tuning.of: one_filter": lambda x: rs.estimate.Tuning.of(IMAGE, BANK, one_filter=x),
+    "Layer: opacity": lambda x: rs.simulation.Layer(IMAGE, x),
     "cropped: camera": lambda x: rs.Translation([0, 1], np.zeros((2, 3)), 1.0).cropped(x, 0, 0, 8, 8),
     "refine: image": lambda x: rs.refine(x, LOG, CAMERA, EXPOSURE),
     "refine: log": lambda x: rs.refine(IMAGE, x, CAMERA, EXPOSURE),
@@ -156,9 +160,9 @@ CALLS: dict[str, Call] = {
     "refine: several exposures": lambda x: rs.refine([IMAGE] * 2, LOG, CAMERA, [x] * 2),
     **options(rs.Uncertainty, (), "scale drift offset readout roll"),
     **options(rs.Correction, (), "scale drift_x drift_y offset readout roll"),
-    "Estimate: value": lambda x: rs.Estimate(x, 0.1, "s"),
-    "Estimate: sd": lambda x: rs.Estimate(1.0, x, "s"),
-    "Estimate: unit": lambda x: rs.Estimate(1.0, 0.1, x),
+    "Estimate: value": lambda x: rs.estimate.Estimate(x, 0.1, "s"),
+    "Estimate: sd": lambda x: rs.estimate.Estimate(1.0, x, "s"),
+    "Estimate: unit": lambda x: rs.estimate.Estimate(1.0, 0.1, x),
     "calibrate: exposures": lambda x: rs.calibrate([IMAGE] * 2, x, LOG, CAMERA),
     "calibrate: log": lambda x: rs.calibrate([IMAGE] * 2, [EXPOSURE] * 2, x, CAMERA),
     "calibrate: camera": lambda x: rs.calibrate([IMAGE] * 2, [EXPOSURE] * 2, LOG, x),
@@ -177,8 +181,8 @@ CALLS: dict[str, Call] = {
     "triage: camera": lambda x: rs.triage(LOG, x, [EXPOSURE]),
     **options(rs.triage, (LOG, CAMERA, [EXPOSURE]), "keep drop progress"),
     "find_time_offset: image": lambda x: rs.find_time_offset(x, LOG, CAMERA, EXPOSURE),
-    "find_shared_time_offset: image": lambda x: rs.find_shared_time_offset([x], LOG, CAMERA, [EXPOSURE]),
-    "find_shared_time_offset: exposures": lambda x: rs.find_shared_time_offset([IMAGE], LOG, CAMERA, [x]),
+    "find_shared_time_offset: image": lambda x: rs.estimate.find_shared_time_offset([x], LOG, CAMERA, [EXPOSURE]),
+    "find_shared_time_offset: exposures": lambda x: rs.estimate.find_shared_time_offset([IMAGE], LOG, CAMERA, [x]),
     "find_time_offset: search": lambda x: rs.find_time_offset(IMAGE, LOG, CAMERA, EXPOSURE, search=x),
     "simulate: sharp": lambda x: rs.simulate(x, LOG, CAMERA, EXPOSURE),
     **options(rs.simulate, (IMAGE, LOG, CAMERA, EXPOSURE), "noise samples translation transfer"),
@@ -264,20 +268,20 @@ def test_numbers_that_are_out_of_range_are_refused() -> None:
         "kernels must not be beyond": lambda: PsfBank.for_picture([[1e300]], SHAPE),
         "picture must not have values beyond": lambda: BLUR.adjoint(huge),
         "latent must be finite": lambda: BLUR.forward(np.full(BLUR.latent_shape, np.nan)),
-        "at most 2000000000 values": lambda: rs.RowBlur(PATHS, 10**9),
+        "at most 2000000000 values": lambda: deconv.RowBlur(PATHS, 10**9),
         "the paths reach 1e+300 px, further than any picture": lambda: longest(1e300),
         "36 x 1 PSFs of 2000003x2000003 px would take": lambda: PsfBank.from_paths(longest(1e6)),
-        "PSFs of 1000009x1000009 px would take": lambda: rs.RowBlur(longest(1e6), 48),
+        "PSFs of 1000009x1000009 px would take": lambda: deconv.RowBlur(longest(1e6), 48),
         "PSFs of 1000001x1000001 px would take": lambda: BANK.padded((1_000_001, 1_000_001)),
-        "cols of the paths must increase, got 30 before 10": lambda: rs.RowBlur(
+        "cols of the paths must increase, got 30 before 10": lambda: deconv.RowBlur(
             BlurPaths.every_row(CAPTURE, [30, 10]), 48
         ),
         "cols must be finite": lambda: BlurPaths(PATHS.displacements, PATHS.rows, [np.nan]),
         "t1 must be at most": lambda: LOG.covering(0.0, 1e300, 0),
         "values must be floats, got uint8; divide them by 255": lambda: rs.to_linear(PIXELS, "srgb"),
         "light must be an array of real numbers": lambda: rs.from_linear("abc", "linear"),
-        "sd must be at least 0, got -1": lambda: rs.Estimate(1.0, -1.0, "s"),
-        "value must be finite, got nan": lambda: rs.Estimate(np.nan, None, "s"),
+        "sd must be at least 0, got -1": lambda: rs.estimate.Estimate(1.0, -1.0, "s"),
+        "value must be finite, got nan": lambda: rs.estimate.Estimate(np.nan, None, "s"),
         "roll must be finite, got inf": lambda: rs.Correction(roll=np.inf),
         "axes must be a str": lambda: TRAJECTORY.translation(EXPOSURE, CAMERA, 1.0, axes=1),
     }

@@ -12,8 +12,9 @@ from benchmarks import baselines, data
 from benchmarks.captures import quality
 from benchmarks.data import Image
 from benchmarks.paper.figure import Cell, Figure, pictures
-from rsdeblur import BlurPaths, Camera, Deconvolver, Exposure, GyroLog, PsfBank, deblur, psfs, simulate
+from rsdeblur import Camera, Deconvolver, Exposure, GyroLog, PsfBank, deblur, psfs, simulate
 from rsdeblur.image.transfer import from_linear
+from rsdeblur.motion import BlurPaths
 from rsdeblur.motion.paths import Capture
 
 # Figure, picture, start in the log (s), exposure (s), width and height of the PSF in the paper (px).

@@ -12,12 +12,13 @@ from benchmarks import data
 from benchmarks.data import Image
 from benchmarks.paper.continuations import reflected, tapered
 from benchmarks.paper.figure import Cell, Figure, pictures
-from rsdeblur import BlurPaths, Camera, Capture, Deconvolver, Exposure, PsfBank, psfs
+from rsdeblur import Camera, Deconvolver, Exposure, PsfBank, psfs
 from rsdeblur.choices import Border
 from rsdeblur.deconv.border import fade
 from rsdeblur.deconv.boundary import extended_shape, smooth
 from rsdeblur.deconv.rowwise import RowDeconvolver
 from rsdeblur.image.transfer import from_linear
+from rsdeblur.motion import BlurPaths, Capture
 
 PICTURES = ("kodim01", "kodim05", "kodim13", "kodim23")
 STARTS = (14.0, 33.0, 40.0)

@@ -15,20 +15,11 @@ import numpy as np
 from benchmarks import data
 from benchmarks.data import DATA, ROOT
 from benchmarks.paper.figure import Cell, Figure
-from rsdeblur import (
-    Camera,
-    Capture,
-    Exposure,
-    GyroLog,
-    OffsetSearch,
-    find_time_offset,
-    read_camera,
-    read_captures,
-    read_gyro,
-    simulate,
-)
+from rsdeblur import Camera, Exposure, GyroLog, find_time_offset, read_camera, read_captures, read_gyro, simulate
 from rsdeblur._util.threads import thread_count
+from rsdeblur.estimate import OffsetSearch
 from rsdeblur.io import read_picture
+from rsdeblur.motion import Capture
 
 PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim20", "kodim23")
 DURATIONS = (1 / 60, 1 / 30, 1 / 15)

@@ -9,7 +9,8 @@ import numpy as np
 
 from benchmarks import data
 from benchmarks.paper.figure import Cell, Figure
-from rsdeblur import BlurPaths, Camera, Exposure, psfs, simulate
+from rsdeblur import Camera, Exposure, psfs, simulate
+from rsdeblur.motion import BlurPaths
 from rsdeblur.motion.paths import Capture
 
 DURATION = 1 / 14

@@ -24,8 +24,8 @@ from rsdeblur.cli import main
 
 # Modules for users, beside the names of `rsdeblur` itself, in the order of the package's ladder.
 MODULES = (
-    "motion.axes", "motion.rectify", "deconv.priors", "io",
-    "report", "plot",
+    "errors", "motion", "motion.axes", "motion.rectify", "deconv", "deconv.priors", "estimate", "simulation",
+    "pipeline", "io", "report", "plot",
     "video.clip", "video.times", "video.plan", "video.encode",
 )  # fmt: skip
 
@@ -109,10 +109,11 @@ def entry(module: str, name: str) -> str:
 
 
 def public(module: Any) -> list[str]:
-    """Return the functions and classes that a module gives and `rsdeblur` does not, in the order of its text."""
+    """Return the functions and classes of a module that neither `rsdeblur` nor its package has, in the text's order."""
     own = [name for name, thing in vars(module).items() if getattr(thing, "__module__", None) == module.__name__]
     names = getattr(module, "__all__", [name for name in own if name[0] != "_" and callable(getattr(module, name))])
-    return [name for name in names if name not in rsdeblur.__all__]
+    above = {*rsdeblur.__all__, *getattr(import_module(module.__name__.rpartition(".")[0]), "__all__", ())}
+    return [name for name in names if name not in above]
 
 
 def place(name: str) -> str:

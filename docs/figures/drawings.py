@@ -17,7 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
-from rsdeblur import BlurPaths, Camera, Capture, Exposure, GyroLog, PsfBank
+from rsdeblur import Camera, Exposure, GyroLog, PsfBank
+from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.motion.axes import imu_to_camera
 from rsdeblur.motion.gyro import rotation_matrix
 from rsdeblur.simulation.shake import hand_shake

@@ -23,8 +23,8 @@ axes = rsdeblur.plot.log(log, camera, exposure)
 # %%
 # The paths of pixels during their row's window, and the kernels that follow from them:
 
-capture = rsdeblur.Capture.from_log(log, camera, exposure)
-paths = rsdeblur.BlurPaths.from_capture(capture, rows=np.linspace(16, 150, 5), cols=np.linspace(28, 196, 4))
+capture = rsdeblur.motion.Capture.from_log(log, camera, exposure)
+paths = rsdeblur.motion.BlurPaths.from_capture(capture, rows=np.linspace(16, 150, 5), cols=np.linspace(28, 196, 4))
 _, (left, right) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
 rsdeblur.plot.paths(paths, ax=left)
 bank = rsdeblur.psfs(log, camera, exposure)

@@ -39,7 +39,7 @@ axes = rsdeblur.plot.comparison(pictures | {"sharp": truth}, reference=truth)
 # %%
 # An algorithm of your own can use the blur itself, a linear operator with an adjoint:
 
-capture = rsdeblur.Capture.from_log(log, camera, exposure)
-blur = rsdeblur.RowBlur(rsdeblur.BlurPaths.every_row(capture, cols=[40, 120]), width=160, channels=3)
+capture = rsdeblur.motion.Capture.from_log(log, camera, exposure)
+blur = rsdeblur.deconv.RowBlur(rsdeblur.motion.BlurPaths.every_row(capture, cols=[40, 120]), width=160, channels=3)
 residual = blur.forward(blur.adjoint(blurred)) - blurred
 print(blur, residual.shape)

@@ -20,8 +20,8 @@ frames = list(rsdeblur.simulate_clip(rsdeblur.scene(210, 290), log, camera, expo
 # The lengths of the paths say which frames are worth the work:
 
 for i, exposure in enumerate(exposures):
-    capture = rsdeblur.Capture.from_log(log, camera, exposure)
-    lengths = rsdeblur.BlurPaths.from_capture(capture, rows=[0, 83.5, 167], cols=[111.5]).lengths
+    capture = rsdeblur.motion.Capture.from_log(log, camera, exposure)
+    lengths = rsdeblur.motion.BlurPaths.from_capture(capture, rows=[0, 83.5, 167], cols=[111.5]).lengths
     print(f"frame {i}: {np.max(lengths):4.1f} px")
 
 # %%

@@ -30,7 +30,7 @@ class BurstQuadratic(TileNormal):
         U = ((1 + nsr) sum_i a_i conj(H_i) G_i + beta V) / (sum_i a_i |H_i|^2 + nsr + beta |D|^2)
 
     The share a_i of a frame is the inverse of its noise power, divided by the sum of these over all frames. With one
-    frame this is :class:`rsdeblur.TileQuadratic`, or without a prior :class:`rsdeblur.Deconvolver`.
+    frame this is :class:`rsdeblur.deconv.TileQuadratic`, or without a prior :class:`rsdeblur.Deconvolver`.
 
     Both sums are computed once for each frequency of each tile, frame by frame, and kept. So memory, and the time of a
     solve, do not grow with the number of frames.
@@ -44,7 +44,7 @@ class BurstQuadratic(TileNormal):
     shape : (H, W) or (H, W, C)
         Shape of the pictures.
     nsr : float, default 0.001
-        See :class:`rsdeblur.TileQuadratic`.
+        See :class:`rsdeblur.deconv.TileQuadratic`.
     wiener : bool, default False
         Whether pictures are solved without a prior, which takes margins that depend on `nsr`.
     border, planning, threads
@@ -138,7 +138,7 @@ class BurstQuadratic(TileNormal):
 class RowBurst(RowSolver):
     """Deconvolution of several pictures of one scene with the PSF of every row, planned once and applied often.
 
-    With one frame this is :class:`rsdeblur.RowDeconvolver`. The normal matrix is assembled from all frames, but
+    With one frame this is :class:`rsdeblur.deconv.RowDeconvolver`. The normal matrix is assembled from all frames, but
     factored once, and its bandwidth is that of the frame whose paths are tallest.
 
     Parameters
@@ -150,12 +150,13 @@ class RowBurst(RowSolver):
     shape : (H, W) or (H, W, C)
         Shape of the pictures.
     nsr, solver, border, planning, threads
-        See :class:`rsdeblur.RowDeconvolver`.
+        See :class:`rsdeblur.deconv.RowDeconvolver`.
 
     Raises
     ------
     InputError
-        As :class:`rsdeblur.RowDeconvolver` does, and if the frames have different strips or the shares do not fit.
+        As :class:`rsdeblur.deconv.RowDeconvolver` does, and if the frames have different strips or the shares do not
+        fit.
     """
 
     def __init__(

@@ -168,8 +168,8 @@ class DerivativePrior:
         `weight sum |grad u|^p` with p = 2 or 1, or `weight / 2 sum_k |D_k u|^exponent` over five derivatives of first
         and second order.
     weight : float
-        Weight of the penalty, from 1e-20 to 1e20: larger is smoother. :class:`rsdeblur.Tuning` derives one from a
-        picture.
+        Weight of the penalty, from 1e-20 to 1e20: larger is smoother. :class:`rsdeblur.estimate.Tuning` derives one
+        from a picture.
     exponent : float, default 2/3
         Exponent of the hyper-Laplacian, in (0, 1].
     peak : float, optional
@@ -184,7 +184,7 @@ class DerivativePrior:
     Examples
     --------
     >>> import rsdeblur
-    >>> rsdeblur.DerivativePrior("hyper-laplacian", weight=0.01, exponent=0.5)
+    >>> rsdeblur.deconv.DerivativePrior("hyper-laplacian", weight=0.01, exponent=0.5)
     DerivativePrior(kind='hyper-laplacian', weight=0.01, exponent=0.5, peak=None)
     """
 
@@ -196,9 +196,9 @@ class DerivativePrior:
     def __post_init__(self) -> None:
         others = {
             "wiener": "rsdeblur.Deconvolver",
-            "wavelet": "rsdeblur.Tuning.wavelet",
-            "nlm": "rsdeblur.PlugAndPlayPrior",
-            "cnn": "rsdeblur.PlugAndPlayPrior",
+            "wavelet": "rsdeblur.estimate.Tuning.wavelet",
+            "nlm": "rsdeblur.deconv.PlugAndPlayPrior",
+            "cnn": "rsdeblur.deconv.PlugAndPlayPrior",
         }
         if isinstance(self.kind, str) and self.kind in others:
             raise InputError(f'kind "{self.kind}" is not a prior on derivatives: use {others[self.kind]}')

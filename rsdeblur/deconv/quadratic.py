@@ -237,8 +237,8 @@ class TileQuadratic(TileNormal):
     >>> import numpy as np
     >>> import rsdeblur
     >>> bank = rsdeblur.PsfBank.for_picture(np.full((1, 5), 0.2), (64, 64))
-    >>> solver = rsdeblur.TileQuadratic(bank, (64, 64))
-    >>> solver.apply(np.full((64, 64), 0.5), prior=rsdeblur.DerivativePrior("tv", 0.01)).shape
+    >>> solver = rsdeblur.deconv.TileQuadratic(bank, (64, 64))
+    >>> solver.apply(np.full((64, 64), 0.5), prior=rsdeblur.deconv.DerivativePrior("tv", 0.01)).shape
     (64, 64)
     """
 

@@ -19,14 +19,14 @@ from rsdeblur.motion.paths import BlurPaths
 class RowDeconvolver(RowSolver):
     """Deconvolution with the PSF of every row, planned once and applied often.
 
-    Minimises `|A u - g|^2 + nsr |u - m|^2` exactly. A is :class:`rsdeblur.RowBlur`; m is the picture's mean and, near
-    top and bottom, the smoothed average of its outermost rows. The difference u - m is then multiplied by (1 + nsr).
-    With this factor no motion is the identity, and a constant picture keeps its brightness.
+    Minimises `|A u - g|^2 + nsr |u - m|^2` exactly. A is :class:`rsdeblur.deconv.RowBlur`; m is the picture's mean and,
+    near top and bottom, the smoothed average of its outermost rows. The difference u - m is then multiplied by
+    (1 + nsr). With this factor no motion is the identity, and a constant picture keeps its brightness.
 
     Parameters
     ----------
     paths : BlurPaths
-        Paths of every row of the picture (:meth:`rsdeblur.BlurPaths.every_row`), in one or more strips.
+        Paths of every row of the picture (:meth:`rsdeblur.motion.BlurPaths.every_row`), in one or more strips.
     shape : (H, W) or (H, W, C)
         Shape of the pictures.
     nsr : float, default 0.01
@@ -60,9 +60,9 @@ class RowDeconvolver(RowSolver):
     >>> import numpy as np
     >>> import rsdeblur
     >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(64, 48, 80.0)
-    >>> capture = rsdeblur.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
-    >>> paths = rsdeblur.BlurPaths.every_row(capture, cols=[31.5])
-    >>> rsdeblur.RowDeconvolver(paths, (48, 64), solver="direct").apply(np.full((48, 64), 0.5)).shape
+    >>> capture = rsdeblur.motion.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
+    >>> paths = rsdeblur.motion.BlurPaths.every_row(capture, cols=[31.5])
+    >>> rsdeblur.deconv.RowDeconvolver(paths, (48, 64), solver="direct").apply(np.full((48, 64), 0.5)).shape
     (48, 64)
     """
 

@@ -109,7 +109,7 @@ class RowBlur:
     Parameters
     ----------
     paths : BlurPaths
-        Paths of every row of the picture (:meth:`rsdeblur.BlurPaths.every_row`), in one or more strips.
+        Paths of every row of the picture (:meth:`rsdeblur.motion.BlurPaths.every_row`), in one or more strips.
     width : int
         Width of the picture, px.
     channels : int, default 1
@@ -137,8 +137,8 @@ class RowBlur:
     >>> import numpy as np
     >>> import rsdeblur
     >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(64, 48, 80.0)
-    >>> capture = rsdeblur.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
-    >>> blur = rsdeblur.RowBlur(rsdeblur.BlurPaths.every_row(capture, cols=[31.5]), width=64)
+    >>> capture = rsdeblur.motion.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
+    >>> blur = rsdeblur.deconv.RowBlur(rsdeblur.motion.BlurPaths.every_row(capture, cols=[31.5]), width=64)
     >>> u, g = np.ones(blur.latent_shape), np.ones(blur.picture_shape)
     >>> bool(np.isclose((blur.forward(u) * g).sum(), (u * blur.adjoint(g)).sum()))
     True

@@ -67,7 +67,7 @@ class RowSolver:
     shares : sequence of float
         Share a_i of each frame; their sum is 1.
     shape, nsr, solver, border, planning, threads
-        See :class:`rsdeblur.RowDeconvolver`.
+        See :class:`rsdeblur.deconv.RowDeconvolver`.
     """
 
     def __init__(

@@ -6,10 +6,10 @@ learned once, by least squares over simulated pictures (``python -m benchmarks.t
 (2013) [1]_ introduced such a sum, and estimate its factors from the picture itself; that requires an exact model of the
 blur, while learned factors allow for errors like those in the training.
 
-The factors depend on two numbers: the weight of the gradient prior that suits the picture (:class:`rsdeblur.Tuning`),
-which grows with its noise and with the errors of the model, and the share that the noise has in both. Between the
-weights of the training they are interpolated over its logarithm; in the share they are linear. Colour is turned into
-its mean and two differences, which have their own factors.
+The factors depend on two numbers: the weight of the gradient prior that suits the picture
+(:class:`rsdeblur.estimate.Tuning`), which grows with its noise and with the errors of the model, and the share that the
+noise has in both. Between the weights of the training they are interpolated over its logarithm; in the share they are
+linear. Colour is turned into its mean and two differences, which have their own factors.
 
 Linear restorations cannot bring back what the blur took away. So the sum is the start of the last two steps of a sparse
 prior (:mod:`rsdeblur.deconv.priors`), which continue its edges into these frequencies. Their result is the pilot of a
@@ -123,7 +123,7 @@ def features(weight: float, noise_share: float, knots: FloatArray) -> FloatArray
 
 @dataclass(frozen=True, slots=True)
 class WaveletPrior:
-    """The learned prior, with what it must know of a picture. :meth:`rsdeblur.Tuning.wavelet` makes one.
+    """The learned prior, with what it must know of a picture. :meth:`rsdeblur.estimate.Tuning.wavelet` makes one.
 
     Parameters
     ----------

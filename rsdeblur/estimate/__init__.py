@@ -1,1 +1,5 @@
 """Quantities estimated from the picture: noise, strengths, the clock offset, and whether to trust a result."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -64,7 +64,7 @@ class MotionEvidence:
     scores : dict
         Lead of the motion over each alternative, nats, as means of the rows of tiles, shape (B,).
     half_turn : float or None
-        See :class:`rsdeblur.QualityCheck`.
+        See :class:`rsdeblur.estimate.QualityCheck`.
     clearer : callable
         Takes names of straight blurs and other sizes, and a number of threads, and returns how much clearer the sharp
         picture is with the motion than with each, as differences of the logarithm of l1 / l2 of the gradient.
@@ -191,7 +191,7 @@ class CheckTiles:
     def compare(
         self, result: EncodedImage, *, resampled: bool, threads: int | None
     ) -> tuple[float | None, float | None]:
-        """Return the noise gain and the residual of the result, see :class:`rsdeblur.QualityCheck`."""
+        """Return the noise gain and the residual of the result, see :class:`rsdeblur.estimate.QualityCheck`."""
         sharp, finest = self._cells(result, threads)
         gain = noise_level(_mosaic(finest)[..., None]) / self._noise if self._noise > 0 else None
         return gain, None if resampled else self._residual(sharp)

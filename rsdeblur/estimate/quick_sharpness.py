@@ -163,7 +163,7 @@ class _RepeatingTiles:
     size : (int, int)
         Height and width of the PSFs.
     nsr : float
-        See :class:`rsdeblur.TileQuadratic`.
+        See :class:`rsdeblur.deconv.TileQuadratic`.
     softness : float
         Standard deviation of a Gaussian under which the PSFs are taken, px.
     """

@@ -163,8 +163,8 @@ def refine(
         How values encode light, as for :func:`rsdeblur.deblur`.
     known_axes : bool, default False
         Whether `imu_to_camera` is certain, as where an accelerometer confirms it
-        (:meth:`rsdeblur.AccelerationLog.gravity_angle`): then no other axes are tried. One photo alone is searched for
-        an acceleration only then, in exposures that are long enough.
+        (:meth:`rsdeblur.motion.AccelerationLog.gravity_angle`): then no other axes are tried. One photo alone is
+        searched for an acceleration only then, in exposures that are long enough.
     threads : int, optional
         Threads that share the work, from 1 to 1024; default all processors. Any number gives the same bits.
     progress : callable, optional

@@ -43,7 +43,7 @@ class Corrected:
     recordings : list of Recording
         The corrected recordings.
     gain, fall : float
-        See :class:`rsdeblur.Refinement`.
+        See :class:`rsdeblur.estimate.Refinement`.
     score : float
         Score, nats.
     factors : ndarray, shape (R, C), or None

@@ -108,7 +108,7 @@ class Tuning:
     >>> import rsdeblur
     >>> light = np.random.default_rng(0).random((64, 64))
     >>> bank = rsdeblur.PsfBank.for_picture(np.full((1, 5), 0.2), light.shape)
-    >>> tuning = rsdeblur.Tuning.of(light, bank, noise=0.01)
+    >>> tuning = rsdeblur.estimate.Tuning.of(light, bank, noise=0.01)
     >>> tuning.weight("tv", 1.0) > 0, tuning.octave_noise
     (True, (0.01, 0.01, 0.01))
     """
@@ -325,7 +325,7 @@ class Tuning:
 
     @property
     def denoiser_weight(self) -> float:
-        """Weight of :class:`rsdeblur.PlugAndPlayPrior`, from the variance of noise and errors of the model together."""
+        """Weight of :class:`rsdeblur.deconv.PlugAndPlayPrior`, from the variance of noise and model errors together."""
         variance = float(self._noise_spectrum.mean())
         return _strength(WEIGHT_OF_VARIANCE * variance)
 

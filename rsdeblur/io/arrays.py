@@ -81,7 +81,7 @@ def read_depths(path: str | os.PathLike[str]) -> FloatArray:
     >>> import numpy as np, rsdeblur, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     np.save(f"{folder}/depth.npy", np.array([[900, 0], [2500, 2500]], dtype=np.uint16))
-    ...     rsdeblur.read_depths(f"{folder}/depth.npy")
+    ...     rsdeblur.io.read_depths(f"{folder}/depth.npy")
     array([[0.9, 0.9],
            [2.5, 2.5]])
     """

@@ -48,7 +48,7 @@ class AccelerationLog(SensorLog):
     Examples
     --------
     >>> import rsdeblur
-    >>> rsdeblur.AccelerationLog([0.0, 0.01, 0.02], [[0, 0, 9.81]] * 3)
+    >>> rsdeblur.motion.AccelerationLog([0.0, 0.01, 0.02], [[0, 0, 9.81]] * 3)
     AccelerationLog(t=[0, 0.01, 0.02], rate=100, span=(0, 0.02), epoch_ns=0)
     """
 
@@ -87,7 +87,7 @@ class AccelerationLog(SensorLog):
         Examples
         --------
         >>> import rsdeblur
-        >>> log = rsdeblur.AccelerationLog([0.0, 0.1, 0.2], [[0, 9.8, 0]] * 3)
+        >>> log = rsdeblur.motion.AccelerationLog([0.0, 0.1, 0.2], [[0, 9.8, 0]] * 3)
         >>> portrait = [[1, 0, 0], [0, -1, 0], [0, 0, -1]]
         >>> camera = rsdeblur.Camera(480, 640, 500.0, imu_to_camera=portrait)
         >>> abs(log.gravity_angle(camera, rsdeblur.Exposure(0.1, 0.02))) < 1e-6

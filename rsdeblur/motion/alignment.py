@@ -66,9 +66,10 @@ def burst_captures(
     translation : Translation, optional
         Positions that cover all exposures.
     motion : {"rotation", "small-angle"}
-        Model of the paths within each exposure, see :class:`rsdeblur.Capture`. Frames are aligned by the full rotation.
+        Model of the paths within each exposure, see :class:`rsdeblur.motion.Capture`. Frames are aligned by the full
+        rotation.
     softness : float, default 0.0
-        Blur of lens, pixels and demosaicing, px, see :class:`rsdeblur.Capture`.
+        Blur of lens, pixels and demosaicing, px, see :class:`rsdeblur.motion.Capture`.
 
     Returns
     -------
@@ -78,7 +79,7 @@ def burst_captures(
     Raises
     ------
     InputError, CoverageError, ClockError, GapError
-        As :meth:`rsdeblur.Capture.from_log`.
+        As :meth:`rsdeblur.motion.Capture.from_log`.
     """
     epoch = exposures[0].epoch_ns
     moved = [replace(e, start=e.start + 1e-9 * (e.epoch_ns - epoch), epoch_ns=epoch) for e in exposures]

@@ -129,6 +129,17 @@ class Camera:
         put("timestamp_marks", validate.choice("timestamp_marks", timestamp_marks, TIMESTAMP_MARKS))
         self._check_distortion()
 
+    def __eq__(self, other: object) -> bool:
+        return self._values() == other._values() if isinstance(other, Camera) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._values())
+
+    def _values(self) -> tuple[object, ...]:
+        """Return the values of all fields, which compare as a whole."""
+        values = (getattr(self, field.name) for field in fields(self))
+        return tuple(tuple(value.flat) if isinstance(value, np.ndarray) else value for value in values)
+
     @property
     def matrix(self) -> FloatArray:
         """Intrinsic matrix K, shape (3, 3)."""

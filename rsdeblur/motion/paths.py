@@ -90,8 +90,8 @@ class Capture:
     --------
     >>> import rsdeblur
     >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(640, 480, 500.0)
-    >>> capture = rsdeblur.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
-    >>> rsdeblur.BlurPaths.from_capture(capture, rows=[100, 300], cols=[320]).lengths.shape
+    >>> capture = rsdeblur.motion.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
+    >>> rsdeblur.motion.BlurPaths.from_capture(capture, rows=[100, 300], cols=[320]).lengths.shape
     (2, 1)
     """
 

@@ -71,6 +71,16 @@ class SensorLog:
         changes = {"t": self.t[samples], self.VALUES: getattr(self, self.VALUES)[samples]}
         return self._derived(**changes)
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, SensorLog) or type(other) is not type(self):
+            return NotImplemented
+        same = self.epoch_ns == other.epoch_ns and np.array_equal(self.t, other.t)
+        return same and np.array_equal(getattr(self, self.VALUES), getattr(other, self.VALUES))
+
+    def __hash__(self) -> int:
+        # Equal logs agree in these; to hash every sample would take long.
+        return hash((self.epoch_ns, len(self), self.span))
+
     def __len__(self) -> int:
         return len(self.t)
 

@@ -45,7 +45,7 @@ class Trajectory:
     Examples
     --------
     >>> import rsdeblur
-    >>> poses = rsdeblur.Trajectory([0, 1], [[0, 0, 0], [0.02, 0, 0]], [[0, 0, 0, 1], [0, 0, 0, 1]])
+    >>> poses = rsdeblur.motion.Trajectory([0, 1], [[0, 0, 0], [0.02, 0, 0]], [[0, 0, 0, 1], [0, 0, 0, 1]])
     >>> camera, exposure = rsdeblur.Camera(640, 480, 500.0), rsdeblur.Exposure(0.25, 0.05)
     >>> poses.translation(exposure, camera, depth=2.0).depth
     2.0

@@ -101,12 +101,12 @@ class BurstResult:
 
     @property
     def image(self) -> NDArray[Any]:
-        """The sharp picture, see :class:`rsdeblur.DeblurResult`."""
+        """The sharp picture, see :class:`rsdeblur.pipeline.DeblurResult`."""
         return self.result.image
 
     @property
     def transfer(self) -> Transfer:
-        """How its values encode light, see :class:`rsdeblur.DeblurResult`."""
+        """How its values encode light, see :class:`rsdeblur.pipeline.DeblurResult`."""
         return self.result.transfer
 
 

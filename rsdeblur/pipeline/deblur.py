@@ -114,7 +114,7 @@ def deblur(
         Standard deviation of the picture's noise in linear light, in which white is 1, from 0 to 1e12; "auto" estimates
         it. The automatic strengths are derived from it.
     solver : {"auto", "direct", "cg"}
-        Solver of "rowwise", see :class:`rsdeblur.RowDeconvolver`.
+        Solver of "rowwise", see :class:`rsdeblur.deconv.RowDeconvolver`.
     chroma : {"auto", "full", "half"}
         Resolution of the colours. "half" restores the brightness at full resolution and the colours at half of it, as
         JPEG and video store them (:mod:`rsdeblur.deconv.chroma`): priors on derivatives take three quarters to four

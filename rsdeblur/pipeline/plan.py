@@ -61,7 +61,7 @@ class DeblurResult:
     timings : dict
         Seconds spent in each stage.
     check : QualityCheck or None
-        Whether to trust the result, see :class:`rsdeblur.QualityCheck`; None where no check was requested.
+        Whether to trust the result, see :class:`rsdeblur.estimate.QualityCheck`; None where no check was requested.
     noise : float or None
         Standard deviation of the noise in linear light, estimated or given; None where no strength needed it.
     refinement : Refinement or None

@@ -63,7 +63,7 @@ def band_figures(
     pictures : mapping of str to ndarray
         Display values in [0, 1], (H, W) or (H, W, C), all of one size; the first picture is the blurred one.
     ringings : mapping of str to sequence of float
-        For each checked picture, :attr:`rsdeblur.QualityCheck.ringings`.
+        For each checked picture, :attr:`rsdeblur.estimate.QualityCheck.ringings`.
     across : bool, default False
         Whether bands are columns instead of rows, as for a horizontal readout.
 

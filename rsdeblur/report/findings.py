@@ -72,7 +72,7 @@ def findings(
     psf : (int, int)
         Height and width of the largest PSF, px.
     checks : mapping of str to mapping, optional
-        For each mode, the fields of its :class:`rsdeblur.QualityCheck`.
+        For each mode, the fields of its :class:`rsdeblur.estimate.QualityCheck`.
     unseen : float, default 0.0
         Share of the result that was never exposed.
     can_split : bool, default False

@@ -56,7 +56,7 @@ class Layer:
     >>> import rsdeblur
     >>> disc = np.hypot(*np.mgrid[-32:32, -40:40]) < 9
     >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(64, 48, 80.0, readout_time=0.03)
-    >>> thing = rsdeblur.Layer(np.full((64, 80), 0.9), disc, velocity=(30.0, 0.0))
+    >>> thing = rsdeblur.simulation.Layer(np.full((64, 80), 0.9), disc, velocity=(30.0, 0.0))
     >>> exposures = [rsdeblur.Exposure(0.2, 1 / 60), rsdeblur.Exposure(0.3, 1 / 60)]
     >>> one, other = rsdeblur.simulate_clip(np.full((64, 80), 0.1), log, camera, exposures, layers=[thing])
     """

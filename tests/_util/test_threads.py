@@ -9,10 +9,11 @@ import time
 import numpy as np
 import pytest
 
-from rsdeblur import BlurPaths, Camera, Capture, Exposure, InputError, PsfBank, deblur
+from rsdeblur import Camera, Exposure, InputError, PsfBank, deblur
 from rsdeblur._util.threads import ThreadTeam, beside, share, share_blocks, share_range
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.kernels.warp import average_warps
+from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.simulation.shake import hand_shake
 
 ANYWHERE = pytest.mark.parametrize("threads", [1, 2, 7])

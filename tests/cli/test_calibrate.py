@@ -13,18 +13,9 @@ import pytest
 from click.testing import Result
 from numpy.typing import NDArray
 
-from rsdeblur import (
-    Camera,
-    Estimate,
-    Exposure,
-    GyroLog,
-    PhotoCalibration,
-    hand_shake,
-    scene,
-    simulate_clip,
-    write_picture,
-)
+from rsdeblur import Camera, Exposure, GyroLog, hand_shake, scene, simulate_clip, write_picture
 from rsdeblur.cli.calibrate import RUN, _runs
+from rsdeblur.estimate import Estimate, PhotoCalibration
 from tests.installed import needs
 
 Run = Callable[..., Result]

@@ -13,8 +13,9 @@ import pytest
 from click.testing import Result
 from PIL import Image
 
-from rsdeblur import Correction, Exposure, Refinement, read_camera, read_gyro
+from rsdeblur import Correction, Exposure, read_camera, read_gyro
 from rsdeblur.cli._refinement import correction_text, refinement_facts
+from rsdeblur.estimate import Refinement
 from rsdeblur.io import pictures
 from rsdeblur.motion.axes import imu_to_camera
 

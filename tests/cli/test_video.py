@@ -17,7 +17,8 @@ from click.testing import Result
 from numpy.typing import NDArray
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Camera, Correction, Exposure, GyroLog, Refinement, simulate
+from rsdeblur import Camera, Correction, Exposure, GyroLog, simulate
+from rsdeblur.estimate import Refinement
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake

@@ -5,23 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur import (
-    BlurPaths,
-    Camera,
-    Deconvolver,
-    DerivativePrior,
-    Exposure,
-    InputError,
-    PsfBank,
-    RowDeconvolver,
-    TileQuadratic,
-    hand_shake,
-)
+from rsdeblur import Camera, Deconvolver, Exposure, InputError, PsfBank, hand_shake
 from rsdeblur.choices import Solver
+from rsdeblur.deconv import DerivativePrior, RowDeconvolver, TileQuadratic
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import LatentPrior
 from rsdeblur.deconv.rowwise_blur import RowBlur
 from rsdeblur.deconv.wiener import TileBlur
+from rsdeblur.motion import BlurPaths
 from rsdeblur.motion.alignment import Alignment, burst_captures
 from rsdeblur.simulation.scene import scene
 

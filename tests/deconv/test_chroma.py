@@ -11,12 +11,10 @@ from skimage.metrics import peak_signal_noise_ratio
 from rsdeblur import (
     Camera,
     Deconvolver,
-    DerivativePrior,
     Exposure,
     InputError,
     Options,
     PsfBank,
-    TileQuadratic,
     deblur,
     deconvolve,
     hand_shake,
@@ -24,6 +22,7 @@ from rsdeblur import (
     scene,
     simulate,
 )
+from rsdeblur.deconv import DerivativePrior, TileQuadratic
 from rsdeblur.deconv.chroma import LEAST_SIZE, LUMA_STRENGTH, halved, luma_share, suits_half
 from rsdeblur.kernels.chroma import separate
 from rsdeblur.pipeline.settings import SolverSettings, Strengths

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rsdeblur import BlurPaths, Deconvolver, PsfBank
+from rsdeblur import Deconvolver, PsfBank
 from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.wiener import TileBlur
+from rsdeblur.motion import BlurPaths
 
 CURVE = np.stack([5 * np.sin(np.linspace(0, 3, 60)), 4 * np.cos(np.linspace(1, 5, 60))], axis=-1)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur import InputError, PlugAndPlayPrior, PsfBank, RowDeconvolver, TileQuadratic, deconvolve
+from rsdeblur import InputError, PsfBank, deconvolve
+from rsdeblur.deconv import PlugAndPlayPrior, RowDeconvolver, TileQuadratic
 from rsdeblur.deconv.coupling import TO_PICTURE
 from rsdeblur.deconv.plug_and_play import COARSEST, STEPS, WEIGHT_OF_VARIANCE
 from rsdeblur.simulation.scene import scene

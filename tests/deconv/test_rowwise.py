@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from rsdeblur import DerivativePrior, InputError, RowBlur, RowDeconvolver
+from rsdeblur import InputError
+from rsdeblur.deconv import DerivativePrior, RowBlur, RowDeconvolver
 from rsdeblur.estimate.blur_spectra import LENS
 from rsdeblur.kernels import native, rowwise
 from rsdeblur.simulation.scene import scene

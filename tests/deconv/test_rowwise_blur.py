@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from rsdeblur import BlurPaths, Camera, Capture, Exposure, InputError, RowBlur, simulate
+from rsdeblur import Camera, Exposure, InputError, simulate
+from rsdeblur.deconv import RowBlur
 from rsdeblur.kernels.spread import interpolated
+from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.simulation.scene import scene
 
 H, W = 40, 33

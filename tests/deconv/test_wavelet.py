@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rsdeblur import DerivativePrior, InputError, PsfBank, TileQuadratic, Tuning
-from rsdeblur.deconv import wavelet
+from rsdeblur import InputError, PsfBank
+from rsdeblur.deconv import DerivativePrior, TileQuadratic, wavelet
 from rsdeblur.deconv.wavelet import Factors, WaveletPrior, add_up, band_shape, features, frame_responses
-from rsdeblur.estimate import strength
+from rsdeblur.estimate import Tuning, strength
 from rsdeblur.kernels.frame import HALO, LEVELS, ORIENTATIONS
 from rsdeblur.simulation.scene import scene
 from tests.oracles.frame import terms

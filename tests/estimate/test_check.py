@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Camera, Exposure, InputError, QualityCheck, deblur, simulate
+from rsdeblur import Camera, Exposure, InputError, deblur, simulate
+from rsdeblur.estimate import QualityCheck
 from rsdeblur.estimate.check import CLEARER, UndershootMeter, _neighbouring, _not_refuted, _with_verdict, fall_back
 from rsdeblur.estimate.motion_evidence import SIZES, MotionEvidence
 from rsdeblur.image.encoded import EncodedImage

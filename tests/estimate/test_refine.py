@@ -7,19 +7,8 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from rsdeblur import (
-    Camera,
-    Correction,
-    Exposure,
-    InputError,
-    Options,
-    Refinement,
-    Uncertainty,
-    deblur,
-    plan,
-    refine,
-    simulate,
-)
+from rsdeblur import Camera, Correction, Exposure, InputError, Options, Uncertainty, deblur, plan, refine, simulate
+from rsdeblur.estimate import Refinement
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL
 from rsdeblur.estimate.rival_axes import OTHER_AXES

@@ -9,12 +9,13 @@ import pytest
 from scipy import fft
 
 from benchmarks.phone import phone_photo
-from rsdeblur import BlurPaths, Deconvolver, InputError, PsfBank, scene, to_linear
+from rsdeblur import Deconvolver, InputError, PsfBank, scene, to_linear
 from rsdeblur.deconv.priors import DerivativePrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate import floors
 from rsdeblur.estimate import strength as tuning
 from rsdeblur.estimate.strength import Tuning, nsr_of_iso
+from rsdeblur.motion import BlurPaths
 
 SIDE = 256
 

@@ -9,7 +9,7 @@ import pytest
 from scipy import ndimage
 
 import rsdeblur
-from rsdeblur import Camera, Exposure, GyroLog, InputError, PsfBank, Simulation, psfs, simulate
+from rsdeblur import Camera, Exposure, GyroLog, InputError, PsfBank, psfs, simulate
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.image import highlights as saturation
 from rsdeblur.image.encoded import EncodedImage
@@ -23,6 +23,7 @@ from rsdeblur.image.highlights import (
     separate_highlights,
     small_spots,
 )
+from rsdeblur.simulation import Simulation
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 

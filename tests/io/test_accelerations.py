@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rsdeblur import AccelerationLog, Camera, FileFormatError, InputError, read_acceleration, read_gyro
+from rsdeblur import Camera, FileFormatError, InputError, read_gyro
+from rsdeblur.io import read_acceleration
+from rsdeblur.motion import AccelerationLog
 from rsdeblur.motion.track import OrientationTrack
 from tests.installed import needs
 

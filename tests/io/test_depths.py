@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rsdeblur import FileFormatError, read_depths
+from rsdeblur import FileFormatError
+from rsdeblur.io import read_depths
 
 METRES = np.array([[0.9, 1.2, 1.5], [2.5, 3.0, 60.0]])
 

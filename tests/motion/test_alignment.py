@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import interp1d
 
-from rsdeblur import BlurPaths, Camera, Capture, Exposure, GyroLog, InputError, Translation, hand_shake
+from rsdeblur import Camera, Exposure, GyroLog, InputError, Translation, hand_shake
 from rsdeblur.choices import Motion
+from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.motion.alignment import Alignment, burst_captures
 
 CAMERA = Camera(160, 120, 180.0, readout_time=0.03)

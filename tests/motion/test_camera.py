@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
+import pickle
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -41,11 +42,6 @@ def gyro_windows(camera, exposure, rows):
     return opens - camera.time_offset, closes - camera.time_offset
 
 
-def assert_same(a, b):
-    for f in fields(Camera):
-        np.testing.assert_array_equal(getattr(a, f.name), getattr(b, f.name), err_msg=f.name)
-
-
 POINTS = np.array([[0, 0], [95, 63], [10, 50], [44.2, 33.9], [70.25, 3.5]])
 
 
@@ -66,7 +62,7 @@ class TestDefaults:
 
 class TestTurned:
     def test_four_turns_are_the_identity(self, camera):
-        assert_same(camera.turned().turned().turned().turned(), camera)
+        assert camera.turned().turned().turned().turned() == camera
 
     def test_pixels_follow_rot90(self, camera):
         picture = np.arange(64 * 96).reshape(64, 96)
@@ -149,7 +145,7 @@ class TestCropped:
                 np.testing.assert_allclose(getattr(twice, f.name), getattr(once, f.name), atol=1e-14, err_msg=f.name)
 
     def test_whole_picture_is_the_identity(self, camera):
-        assert_same(camera.cropped(0, 0, 96, 64), camera)
+        assert camera.cropped(0, 0, 96, 64) == camera
 
     @pytest.mark.parametrize("box", [(50, 0, 47, 10), (0, 30, 10, 35)])
     def test_refuses_what_does_not_fit(self, camera, box):
@@ -201,21 +197,35 @@ def test_a_rotation_typed_with_four_decimals_is_accepted():
     assert Camera(64, 48, 80.0, imu_to_camera=MOUNT.round(4)).imu_to_camera[0, 0] == MOUNT[0, 0].round(4)
 
 
+def test_cameras_of_equal_values_are_equal(camera):
+    for same in (replace(camera), pickle.loads(pickle.dumps(camera))):
+        assert same == camera
+        assert hash(same) == hash(camera)
+    for change in (
+        {"width": 97},
+        {"distortion_model": "none", "distortion": ()},
+        {"time_offset": 0.0},
+        {"imu_to_camera": MOUNT.T},
+    ):
+        assert replace(camera, **change) != camera
+    assert camera != "camera"
+
+
 class TestFile:
     def test_round_trip(self, camera, tmp_path):
         camera.save(tmp_path / "camera.toml")
-        assert_same(Camera.load(tmp_path / "camera.toml"), camera)
+        assert Camera.load(tmp_path / "camera.toml") == camera
 
     def test_three_keys_are_enough(self, tmp_path):
         path = tmp_path / "camera.toml"
         path.write_text("width = 64\nheight = 48\nfocal_length = 80\n")
-        assert_same(Camera.load(path), Camera(64, 48, 80.0))
+        assert Camera.load(path) == Camera(64, 48, 80.0)
 
     def test_former_keys_are_read_with_a_warning(self, tmp_path):
         path = tmp_path / "camera.toml"
         path.write_text("width = 64\nheight = 48\nfocal = 80\n")
         with pytest.warns(RsdeblurWarning, match="'focal' is now called 'focal_length'; rename it"):
-            assert_same(Camera.load(path), Camera(64, 48, 80.0))
+            assert Camera.load(path) == Camera(64, 48, 80.0)
 
     @pytest.mark.parametrize(
         ("text", "message"),

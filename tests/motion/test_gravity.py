@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from rsdeblur import AccelerationLog, Camera, Exposure
+from rsdeblur import Camera, Exposure
+from rsdeblur.motion import AccelerationLog
 from rsdeblur.motion.axes import imu_to_camera
 
 T = np.arange(0, 2, 0.01)

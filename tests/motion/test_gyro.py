@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import pickle
 
 import numpy as np
 import pytest
 
 from rsdeblur.errors import ClockError, CoverageError, GapError, InputError, RsdeblurWarning
+from rsdeblur.motion.acceleration import AccelerationLog
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.gyro import GyroLog
 
@@ -31,6 +33,16 @@ class TestTime:
         # Float64 would round whole timestamps to 256 ns; the difference is right to a millionth of a nanosecond.
         np.testing.assert_allclose(based.t, kept.t - ns * 1e-9, rtol=0, atol=1e-15)
         assert np.array_equal(based.omega, kept.omega)
+
+
+def test_logs_of_equal_values_are_equal(shaky_log):
+    log = shaky_log()
+    for same in (shaky_log(), pickle.loads(pickle.dumps(log))):
+        assert same == log
+        assert hash(same) == hash(log)
+    other_rates = GyroLog(log.t, 2 * log.omega)
+    others = (other_rates, log.shifted(1.0), log.trimmed(0.1, 0.2), GyroLog(log.t, log.omega, EPOCH))
+    assert log not in (*others, AccelerationLog(log.t, log.omega), "log")
 
 
 class TestCovering:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rsdeblur import Camera, CoverageError, Exposure, InputError, Trajectory
+from rsdeblur import Camera, CoverageError, Exposure, InputError
+from rsdeblur.motion import Trajectory
 from rsdeblur.motion.axes import imu_to_camera
 
 T = np.linspace(0.0, 1.0, 31)

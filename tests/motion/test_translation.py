@@ -8,18 +8,8 @@ import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import (
-    BlurPaths,
-    Camera,
-    Capture,
-    CoverageError,
-    Exposure,
-    GyroLog,
-    InputError,
-    Translation,
-    deblur,
-    simulate,
-)
+from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, Translation, deblur, simulate
+from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.simulation.scene import scene
 
 CAMERA = Camera(160, 120, 200.0, readout_time=0.02)

@@ -15,7 +15,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rsdeblur import (
-    BlurPaths,
     Camera,
     Deconvolver,
     Exposure,
@@ -34,6 +33,7 @@ from rsdeblur import (
 )
 from rsdeblur.choices import DISTORTIONS, MODES
 from rsdeblur.io.arrays import read_psfs
+from rsdeblur.motion import BlurPaths
 from tests.installed import PRIORS
 
 HEIGHT, WIDTH = 36, 48

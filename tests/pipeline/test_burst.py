@@ -9,20 +9,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from rsdeblur import (
-    BurstResult,
-    Camera,
-    Capture,
-    Exposure,
-    InputError,
-    Tuning,
-    deblur,
-    deblur_burst,
-    hand_shake,
-    simulate_clip,
-)
+from rsdeblur import Camera, Exposure, InputError, deblur, deblur_burst, hand_shake, simulate_clip
+from rsdeblur.estimate import Tuning
 from rsdeblur.estimate.correction import Correction
 from rsdeblur.estimate.refine import Refinement
+from rsdeblur.motion import Capture
+from rsdeblur.pipeline import BurstResult
 from rsdeblur.psf import PsfBank
 from rsdeblur.simulation.scene import scene
 

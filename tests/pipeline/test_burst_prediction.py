@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, Capture, Exposure, hand_shake
+from rsdeblur import Camera, Exposure, hand_shake
 from rsdeblur.deconv.wiener import TileBlur
+from rsdeblur.motion import Capture
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.pipeline.burst_prediction import predicted, rectangles
 from rsdeblur.psf import PsfBank, tile_centres

@@ -10,9 +10,10 @@ from scipy import ndimage
 from skimage.metrics import peak_signal_noise_ratio
 
 import rsdeblur
-from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, RsdeblurWarning, Simulation, simulate
+from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, RsdeblurWarning, simulate
 from rsdeblur.deconv import tiling
 from rsdeblur.pipeline.deblur import psfs
+from rsdeblur.simulation import Simulation
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 from tests.installed import PRIORS

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import rsdeblur
-from rsdeblur import Camera, Exposure, GyroLog, InputError, Simulation, simulate
+from rsdeblur import Camera, Exposure, GyroLog, InputError, simulate
 from rsdeblur.pipeline import memory
+from rsdeblur.simulation import Simulation
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 from tests.installed import PRIORS

@@ -51,7 +51,7 @@ def test_kernels_are_drawn_at_their_places_and_in_proportion():
 
 
 def test_paths_start_at_their_pixel_plus_the_first_displacement():
-    paths = rs.BlurPaths.from_capture(rs.Capture.from_log(LOG, CAMERA, EXPOSURE), [12, 36], [16, 48])
+    paths = rs.motion.BlurPaths.from_capture(rs.motion.Capture.from_log(LOG, CAMERA, EXPOSURE), [12, 36], [16, 48])
     ax = plot.paths(paths)
     zoom = float(ax.get_title().split()[-4])
     first = ax.collections[0].get_segments()[0][0]

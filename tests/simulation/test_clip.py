@@ -5,18 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur import (
-    Camera,
-    Exposure,
-    GyroLog,
-    InputError,
-    Layer,
-    Translation,
-    hand_shake,
-    scene,
-    simulate,
-    simulate_clip,
-)
+from rsdeblur import Camera, Exposure, GyroLog, InputError, Translation, hand_shake, scene, simulate, simulate_clip
+from rsdeblur.simulation import Layer
 
 CAMERA = Camera(96, 72, 110.0, readout_time=0.02, readout_direction="right-left")
 

@@ -1,0 +1,6 @@
+from .acceleration import AccelerationLog as AccelerationLog
+from .paths import BlurPaths as BlurPaths
+from .paths import Capture as Capture
+from .trajectory import Trajectory as Trajectory
+
+__all__: list[str]
