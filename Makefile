@@ -43,7 +43,7 @@ test-c: $(VENV_PYTHON)
 	$(call run-c,plain,)
 	$(call run-c,sanitize,-Db_sanitize=address$(comma)undefined -Db_lundef=false)
 	if command -v valgrind; then \
-	  $(MESON) test -C $(CBUILD)/plain --wrap 'valgrind --quiet --leak-check=full --error-exitcode=1'; fi
+	  $(MESON) test -C $(CBUILD)/plain --timeout-multiplier 10 --wrap 'valgrind --quiet --leak-check=full --error-exitcode=1'; fi
 
 # The documentation site, in site/.
 docs: $(VENV_PYTHON)
