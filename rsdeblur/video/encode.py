@@ -74,6 +74,15 @@ class Encoding:
     def like(cls, clip: Clip, *, codec: str | None = None, crf: int = CRF) -> Encoding:
         """Return the clip's encoding, or that of another `codec` with the clip's pixel format if it supports it.
 
+        Parameters
+        ----------
+        clip : Clip
+            The clip.
+        codec : str, optional
+            FFmpeg's name of the codec; default that of the clip.
+        crf : int
+            Constant rate factor: less is better and larger.
+
         Raises
         ------
         InputError
@@ -121,6 +130,17 @@ class VideoResult:
 def check_output(clip: Clip, encoding: Encoding, output: Path, *, force: bool) -> None:
     """Check, before the work, that a video can be encoded and written, and that the container takes all its streams.
 
+    Parameters
+    ----------
+    clip : Clip
+        The clip whose frames and streams are written.
+    encoding : Encoding
+        Codec and pixel format.
+    output : Path
+        Path of the video.
+    force : bool
+        Whether an existing file may be replaced.
+
     Raises
     ------
     OutputError
@@ -143,6 +163,11 @@ def check_output(clip: Clip, encoding: Encoding, output: Path, *, force: bool) -
 
 def container_of(path: Path) -> str:
     """Return FFmpeg's name of the container for a file's extension.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the video.
 
     Raises
     ------
@@ -241,7 +266,17 @@ def deblur_video(
 
 
 def estimated_seconds(plan: ClipPlan, encoding: Encoding, *, jobs: int = 1) -> float:
-    """Estimate how long :func:`deblur_video` takes, in s, from a trial with a few frames that writes no file."""
+    """Estimate how long :func:`deblur_video` takes, in s, from a trial with a few frames that writes no file.
+
+    Parameters
+    ----------
+    plan : ClipPlan
+        Plan of the clip.
+    encoding : Encoding
+        Codec and pixel format.
+    jobs : int, default 1
+        Frames that are deblurred at a time.
+    """
     frames = len(plan.clip)
     first = min(plan.lengths.index(plan.largest), max(0, frames - TRIAL))
     numbers = range(first, min(first + TRIAL, frames))
