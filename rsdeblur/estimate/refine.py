@@ -306,7 +306,10 @@ def exposures_of(exposure: Exposure | Sequence[Exposure]) -> list[Exposure]:
     InputError
         If there is none, or one is no :class:`rsdeblur.Exposure`.
     """
-    return [exposure] if isinstance(exposure, Exposure) else exposure_list(exposure)
+    exposures = [exposure] if isinstance(exposure, Exposure) else exposure_list(exposure, "exposure")
+    if not exposures:
+        raise InputError("exposure must be an Exposure, or a sequence with one for each image, got none")
+    return exposures
 
 
 def grey_lights(

@@ -27,12 +27,12 @@ def check_recording(log: object, camera: object, exposure: object, translation: 
         validate.instance("translation", translation, Translation)
 
 
-def exposure_list(exposures: Iterable[Exposure]) -> list[Exposure]:
-    """Return exposures as a list; raise `InputError` unless they are some."""
+def exposure_list(exposures: Iterable[Exposure], name: str = "exposures") -> list[Exposure]:
+    """Return exposures as a list; raise `InputError`, which names the argument, unless every item is an Exposure."""
     if isinstance(exposures, Mapping):
-        raise InputError(f"exposures must be a sequence of Exposure, got {validate.shown(exposures)}")
-    given = validate.items("exposures", exposures)
-    return [validate.instance(f"exposures[{n}]", each, Exposure) for n, each in enumerate(given)]
+        raise InputError(f"{name} must be a sequence of Exposure, got {validate.shown(exposures)}")
+    given = validate.items(name, exposures)
+    return [validate.instance(f"{name}[{n}]", each, Exposure) for n, each in enumerate(given)]
 
 
 def check_traceable(camera: Camera, translation: Translation | None) -> None:
