@@ -250,8 +250,8 @@ class Posterior:
             gradient[own], information[np.ix_(own, own)] = self.photos[n].information(place[n], at.tolist())
             return gradient, information
 
-        gradients, informations = zip(*share_map(measure, range(count), self._threads), strict=True)
-        return np.array(gradients), np.sum(informations, axis=0)
+        gradients, matrices = zip(*share_map(measure, range(count), self._threads), strict=True)
+        return np.array(gradients), np.sum(matrices, axis=0)
 
 
 def damped(information: FloatArray, damping: float) -> FloatArray:
