@@ -437,7 +437,7 @@ class BlurPaths:
 
     def _derivative(self, order: int, *, axis: int) -> float:
         differences = np.linalg.norm(np.diff(self.displacements, n=order, axis=axis), axis=-1)
-        return float(differences.max(initial=0.0)) * (self.displacements.shape[axis] - 1) ** order
+        return float(differences.max(initial=0.0) * (self.displacements.shape[axis] - 1) ** order)
 
     @property
     def lengths(self) -> FloatArray:

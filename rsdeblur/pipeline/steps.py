@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.choices import Mode
+from rsdeblur.deconv.chroma import Solve
 from rsdeblur.deconv.plug_and_play import DENOISERS, WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
@@ -24,7 +25,7 @@ from rsdeblur.motion.paths import Capture
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.memory import Chunk, plan_chunks
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.settings import Solve, SolverSettings, Strengths
+from rsdeblur.pipeline.settings import SolverSettings, Strengths
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
