@@ -149,7 +149,7 @@ class RowBurst(RowSolver):
         Share of each frame, positive; their sum is 1.
     shape : (H, W) or (H, W, C)
         Shape of the pictures.
-    nsr, solver, border, planning, threads
+    nsr, reach, solver, border, planning, threads
         See :class:`rsdeblur.deconv.RowDeconvolver`.
 
     Raises
@@ -166,6 +166,7 @@ class RowBurst(RowSolver):
         shape: tuple[int, ...],
         *,
         nsr: float = 0.01,
+        reach: int = 0,
         solver: Solver = "auto",
         border: Border = "blend",
         planning: Planning = "estimate",
@@ -173,7 +174,13 @@ class RowBurst(RowSolver):
     ) -> None:
         check_places(frames, shares)
         super().__init__(
-            *(frames, shares, shape), nsr=nsr, solver=solver, border=border, planning=planning, threads=threads
+            *(frames, shares, shape),
+            nsr=nsr,
+            reach=reach,
+            solver=solver,
+            border=border,
+            planning=planning,
+            threads=threads,
         )
 
     def apply(

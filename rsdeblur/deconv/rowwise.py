@@ -31,6 +31,9 @@ class RowDeconvolver(RowSolver):
         Shape of the pictures.
     nsr : float, default 0.01
         Noise-to-signal power ratio Phi, from 1e-20 to 1e20; less than 1e-6, the limit of float32, counts as 1e-6.
+    reach : int, default 0
+        Least reach of the paths along x, px, for which the continuation of the picture is planned: where the rows are a
+        part of a picture, that of its longest path, so that all parts are continued alike.
     solver : {"auto", "direct", "cg"}
         "direct" is a banded Cholesky factorisation. "cg" is conjugate gradients with a banded Wiener filter as
         preconditioner, to a relative residual of 1e-3. "auto" takes the one that is predicted to be faster.
@@ -72,14 +75,22 @@ class RowDeconvolver(RowSolver):
         shape: tuple[int, ...],
         *,
         nsr: float = 0.01,
+        reach: int = 0,
         solver: Solver = "auto",
         border: Border = "blend",
         planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
         validate.instance("paths", paths, BlurPaths)
+        reach = validate.count("reach", reach, minimum=0)
         super().__init__(
-            *([paths], [1.0], shape), nsr=nsr, solver=solver, border=border, planning=planning, threads=threads
+            *([paths], [1.0], shape),
+            nsr=nsr,
+            reach=reach,
+            solver=solver,
+            border=border,
+            planning=planning,
+            threads=threads,
         )
 
     def apply(

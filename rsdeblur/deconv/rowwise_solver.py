@@ -66,7 +66,7 @@ class RowSolver:
         Paths of every row of each frame, at the same columns.
     shares : sequence of float
         Share a_i of each frame; their sum is 1.
-    shape, nsr, solver, border, planning, threads
+    shape, nsr, reach, solver, border, planning, threads
         See :class:`rsdeblur.deconv.RowDeconvolver`.
     """
 
@@ -77,6 +77,7 @@ class RowSolver:
         shape: tuple[int, ...],
         *,
         nsr: float,
+        reach: int,
         solver: Solver,
         border: Border,
         planning: Planning,
@@ -90,7 +91,7 @@ class RowSolver:
         height, width = self.shape[:2]
         self.top, latents = latent_rows(*frames)
         self._factors = tuple(float(share) ** 0.5 for share in shares)
-        self._reach = max(int(np.floor(paths.extent[1])) + 1 for paths in frames)
+        self._reach = max(reach, *(int(np.floor(paths.extent[1])) + 1 for paths in frames))
         if len(frames[0].rows) != height:
             raise InputError(f"paths are those of {len(frames[0].rows)} rows, the picture has {height}")
         kernel = 2 * self._reach + 1

@@ -32,8 +32,7 @@ from rsdeblur.types import FloatArray, FloatImage, StageProgress
 
 # Mean weight over a whole frame from which on it shows the same scene everywhere.
 ALIKE = 0.99
-# Bytes that the solve may use by default: with eight frames of 12 megapixels, their PSFs and Python, the private memory
-# of a process then stays below 2 GiB. The default grows to this multiple of what the smallest chunks need.
+# Bytes that the solve may use by default. The default grows to this multiple of what the smallest chunks need.
 MEMORY, ABOVE_LEAST = 1 << 30, {"global": 1.1, "banded": 1.1, "rowwise": 1.25}
 
 
@@ -160,7 +159,8 @@ class BurstSolution:
             return replace(traced, rows=traced.rows - rows.start)
 
         every_row = share_map(paths, range(len(self.frames)), settings.threads)
-        return RowBurst(every_row, self.shares, shape, solver=settings.solver, **settings.engine)
+        reach = chunk.bank.size[1] // 2
+        return RowBurst(every_row, self.shares, shape, reach=reach, solver=settings.solver, **settings.engine)
 
     def _drawn(self, n: int, chunk: Chunk) -> PsfBank:
         """Return the PSFs of a frame at the places of a chunk, counted from its first row."""

@@ -140,7 +140,7 @@ def deconvolve_with(
     settings = SolverSettings.of(options, strengths)
     solve_chunks(
         *(split, channelled, bank, options, settings, clock),
-        plan_solver=lambda chunk, shape: settings.plan_solver(None, chunk.bank, shape),
+        plan_solver=lambda chunk, shape: settings.plan_solver(None, chunk.bank, shape, half=chunk.half),
     )
     return DeblurResult(
         image=out,

@@ -6,11 +6,12 @@ those of the whole picture.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from rsdeblur.deconv.chroma import halved
 from rsdeblur.deconv.quadratic import MARGIN
 from rsdeblur.deconv.rowwise_solver import ASSEMBLED_BYTES, MOST_MARGIN
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
@@ -21,12 +22,12 @@ from rsdeblur.pipeline.settings import SolverSettings
 from rsdeblur.psf import PsfBank, affecting
 from rsdeblur.types import FloatArray
 
-# Rows read beyond those written, in heights K of the PSF. The filter's response decays over K / (2 pi sqrt(nsr)), and
-# the modes "global" and "rowwise" read four times that. Tiles read no further than their margin; with priors, that of
-# tiles is enough in every mode (docs/developer/decisions.md).
+# Rows read beyond those written, in heights K of the PSF. The Wiener filter's response decays over K / (2 pi
+# sqrt(nsr)), and the modes "global" and "rowwise" read four times that; with a prior it decays within PRIOR_REACH.
+# Tiles read no further than their part, two distances between centres, and their margin. The steps of a prior spread
+# what they leave by STEP_ROWS, px, at half the size as many of these. (docs/developer/decisions.md)
 DECAY_REACH, LEAST_REACH = 0.64, 2.5
-MORE_THAN_MARGIN = 0.5
-PRIOR_REACH = MARGIN
+PRIOR_REACH, STEP_ROWS = 4.0, 32
 # Number of arrays of a chunk's size in memory at a time (light, result, spectra, latents), by mode and prior. Those of
 # several frames solved together are more: the next one, the solution of the first one and its blur; rowwise keeps the
 # rows of all frames and their spectra.
@@ -47,12 +48,14 @@ TRANSFORM_EXCESS = 1.1
 class Chunk:
     """Rows `source` of the picture, solved with the PSFs of `bank` for the rows `target` of the result.
 
-    The places in `bank` count from the first row of `source`.
+    The places in `bank` count from the first row of `source`. `half` holds the PSFs of the colours at half the size, if
+    they are not those of :func:`rsdeblur.deconv.chroma.halved`.
     """
 
     source: slice
     target: slice
     bank: PsfBank
+    half: PsfBank | None = None
 
 
 def plan_chunks(
@@ -76,7 +79,10 @@ def plan_chunks(
         parts = _parts(bank, height, settings, count)
         needed = max(_bytes(bank, source, shape, settings, frames) for source, _ in parts)
         if needed <= max_memory:
-            return [_chunk(bank, source, target, shape[1]) for source, target in parts]
+            # Merged in a chunk, tiles of the colours would lie elsewhere than in the next one.
+            is_halved = settings.chroma_of(bank.size, shape) == "half"
+            half = halved(bank, threads=settings.threads) if is_halved else None
+            return [_chunk(bank, half, source, target) for source, target in parts]
         if count == most:
             raise InputError(
                 f"max_memory is {_mebibytes(max_memory)}, but even {LEAST_ROWS} rows of "
@@ -100,12 +106,20 @@ def _parts(bank: PsfBank, height: int, settings: SolverSettings, count: int) -> 
     """Return the rows that a number of equally tall chunks read, and those that they write."""
     reach = _reach(bank, settings)
     edges = [height * i // count for i in range(count + 1)]
-    return [(slice(max(a - reach, 0), min(b + reach, height)), slice(a, b)) for a, b in pairwise(edges)]
+    # From an even row on, the pixels of half the size are those of the whole picture.
+    return [(slice(max(a - reach, 0) // 2 * 2, min(b + reach, height)), slice(a, b)) for a, b in pairwise(edges)]
 
 
-def _chunk(bank: PsfBank, source: slice, target: slice, width: int) -> Chunk:
-    part = bank.cut(source, slice(0, width))
-    return Chunk(source, target, replace(part, rows=part.rows - source.start))
+def _chunk(bank: PsfBank, half: PsfBank | None, source: slice, target: slice) -> Chunk:
+    half_source = slice(source.start // 2, -(-source.stop // 2))
+    return Chunk(source, target, _part(bank, source), None if half is None else _part(half, half_source))
+
+
+def _part(bank: PsfBank, rows: slice) -> PsfBank:
+    """Return the PSFs that affect some rows, at places counted from the first of them."""
+    bands = affecting(bank.rows, rows)
+    paths = None if bank.displacements is None else bank.displacements[bands]
+    return PsfBank(bank.kernels[bands], bank.rows[bands] - rows.start, bank.cols, paths, bank.softness)
 
 
 def _margin(settings: SolverSettings) -> float:
@@ -114,13 +128,17 @@ def _margin(settings: SolverSettings) -> float:
 
 
 def _reach(bank: PsfBank, settings: SolverSettings) -> int:
+    """Return the rows that a chunk reads beyond those that it writes."""
+    tall = bank.size[0]
     if settings.weight is not None:
-        reach = PRIOR_REACH
-    elif settings.mode == "banded" and len(bank.rows) > 1:
-        reach = _margin(settings) + MORE_THAN_MARGIN
+        reach = PRIOR_REACH * tall
     else:
-        reach = max(LEAST_REACH, DECAY_REACH / max(settings.nsr, LEAST_NSR) ** 0.5)
-    return int(np.ceil(reach * bank.size[0]))
+        reach = max(LEAST_REACH, DECAY_REACH / max(settings.nsr, LEAST_NSR) ** 0.5) * tall
+    if settings.mode == "banded" and len(bank.rows) > 1:
+        reach = min(reach, 2 * float(np.diff(bank.rows).max()) + _margin(settings) * tall)
+    if settings.weight is not None:
+        reach += STEP_ROWS * (2 if settings.chroma == "half" else 1)
+    return int(np.ceil(reach))
 
 
 def _bytes(bank: PsfBank, source: slice, shape: tuple[int, int, int], settings: SolverSettings, frames: int) -> int:

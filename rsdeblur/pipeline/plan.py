@@ -259,7 +259,9 @@ class Plan:
         settings = self._settings
         return solve_chunks(
             *(split, out, self.bank, self.options, settings, clock),
-            plan_solver=lambda chunk, shape: settings.plan_solver(self.capture, chunk.bank, shape, chunk.source.start),
+            plan_solver=lambda chunk, shape: settings.plan_solver(
+                self.capture, chunk.bank, shape, chunk.source.start, chunk.half
+            ),
             light=light,
             meter=meter if self.options.judges else None,
             capture=self.capture,

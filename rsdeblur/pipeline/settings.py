@@ -123,7 +123,14 @@ class SolverSettings:
         """Return the resolution of the colours of pictures (H, W, C), restored with kernels of a size (px)."""
         return "half" if self.chroma == "half" and suits_half(size, shape) else "full"
 
-    def plan_solver(self, capture: Capture | None, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
+    def plan_solver(
+        self,
+        capture: Capture | None,
+        bank: PsfBank,
+        shape: tuple[int, int, int],
+        first: int = 0,
+        half: PsfBank | None = None,
+    ) -> Solve:
         """Plan the solver. The returned function restores one picture and reports its progress.
 
         Parameters
@@ -136,6 +143,9 @@ class SolverSettings:
             Shape of the rows to be solved.
         first : int
             Row of the whole picture at which those rows start.
+        half : PsfBank, optional
+            PSFs of the picture at half the size, where colours are restored at that; default those of
+            :func:`rsdeblur.deconv.chroma.halved`.
 
         Returns
         -------
@@ -149,7 +159,7 @@ class SolverSettings:
         if self.mode == "rowwise":
             raise InputError('mode="rowwise" has no tiles')
         if self.chroma_of(bank.size, shape) == "half":
-            return self._half_chroma(bank, shape)
+            return self._half_chroma(bank, half or halved(bank, threads=self.threads), shape)
         prior = self.latent_prior
         if prior is None:
             wiener = Deconvolver(bank, shape, **self.engine)
@@ -157,14 +167,14 @@ class SolverSettings:
         quadratic = TileQuadratic(bank, shape, **self.engine)
         return lambda light, progress: quadratic.apply(light, prior=prior, progress=progress)
 
-    def _half_chroma(self, bank: PsfBank, shape: tuple[int, int, int]) -> HalfChroma:
+    def _half_chroma(self, bank: PsfBank, half_bank: PsfBank, shape: tuple[int, int, int]) -> HalfChroma:
         """Plan a solver of the brightness, and one of the picture at half size."""
         half = replace(self, chroma="full")
         share = luma_share(self.prior, self.exponent)
         luma = replace(half, nsr=share * self.nsr) if self.weight is None else replace(half, weight=share * self.weight)
         return HalfChroma(
             luma.plan_solver(None, bank, (*shape[:2], 1)),
-            half.plan_solver(None, halved(bank, threads=self.threads), half_shape(shape)),
+            half.plan_solver(None, half_bank, half_shape(shape)),
             peak=self.peak,
             threads=self.threads,
         )
@@ -190,5 +200,8 @@ class SolverSettings:
 
     def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
         paths = BlurPaths.every_row(capture, bank.cols, within=slice(first, first + shape[0]))
-        rows = RowDeconvolver(replace(paths, rows=paths.rows - first), shape, solver=self.solver, **self.engine)
+        paths = replace(paths, rows=paths.rows - first)
+        # Of all rows of the picture, not only of these; paths between those of the probe are hardly longer.
+        reach = int(capture.probe.extent[1]) + 2
+        rows = RowDeconvolver(paths, shape, reach=reach, solver=self.solver, **self.engine)
         return lambda light, progress: rows.apply(light, prior=self.latent_prior, progress=progress)
