@@ -202,6 +202,6 @@ class SolverSettings:
         paths = BlurPaths.every_row(capture, bank.cols, within=slice(first, first + shape[0]))
         paths = replace(paths, rows=paths.rows - first)
         # Of all rows of the picture, not only of these; paths between those of the probe are hardly longer.
-        reach = int(capture.probe.extent[1]) + 2
+        reach = min(int(capture.probe.extent[1]) + 2, (shape[1] - 1) // 2)
         rows = RowDeconvolver(paths, shape, reach=reach, solver=self.solver, **self.engine)
         return lambda light, progress: rows.apply(light, prior=self.latent_prior, progress=progress)
