@@ -284,7 +284,7 @@ def offset(words: str) -> Fingerprint:
     """Return the hash of what `find_time_offset` finds."""
     taken = capture(words)
     found = rs.find_time_offset(taken.light, *taken.recording, search=(-0.05, 0.05), transfer="linear")
-    answer = repr((found.time_offset, found.best, found.confidence, found.reason))
+    answer = repr((found.time_offset, found.best, found.sd, found.reason))
     return {"facts": digest(answer, found.offsets, found.scores)}
 
 

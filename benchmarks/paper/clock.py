@@ -114,14 +114,14 @@ def accuracy(trials: list[Trial], even: list[OffsetSearch], pictures: list[tuple
         errors = [t.error for t in answered]
         middle, worst = (float(np.median(errors)), max(errors)) if errors else ("-", "-")
         rows.append(
-            (name, len(members), len(answered), middle, worst, float(np.mean([t.result.confidence for t in members])))
+            (name, len(members), len(answered), middle, worst, 1e3 * float(np.median([t.result.sd for t in members])))
         )
     false = sum(search.time_offset is not None for search in even)
-    rows.append(("simulated, constant rates", len(even), false, "-", "-", float(np.mean([s.confidence for s in even]))))
+    rows.append(("simulated, constant rates", len(even), false, "-", "-", 1e3 * float(np.median([s.sd for s in even]))))
     for name, search in pictures:
         is_answered = search.time_offset is not None
         off = 1e3 * abs(search.best) if is_answered else "-"
-        rows.append((name, 1, int(is_answered), off, off, search.confidence))
+        rows.append((name, 1, int(is_answered), off, off, 1e3 * search.sd))
     enough = classes[f"simulated, blur of {ENOUGH:g} px and more"]
     answered = [t for t in enough if t.result.time_offset is not None]
     median = float(np.median([t.error for t in answered]))
@@ -149,7 +149,7 @@ def accuracy(trials: list[Trial], even: list[OffsetSearch], pictures: list[tuple
         "5 ms (mars) or to an unknown extent (shield). Errors in ms.",
         f"New here: where the blur is {ENOUGH:g} px and more, {len(answered)} of {len(enough)} offsets are found, with "
         f"a median error of {median:.2f} ms; for {len(even)} constant rates it gives {false} answers.",
-        ("pictures", "number", "answered", "median error", "worst", "mean confidence"),
+        ("pictures", "number", "answered", "median error", "worst", "median deviation, ms"),
         rows,
         draw,
     )

@@ -26,7 +26,7 @@ print(search.time_offset, "s", search.reason)
 _, ax = plt.subplots(figsize=(6, 3), layout="constrained")
 ax.plot(1e3 * search.offsets, search.scores)
 ax.axvline(-21, color="tab:red", linestyle="--", label="true offset")
-ax.set(xlabel="offset, ms", ylabel="negative log-likelihood")
+ax.set(xlabel="offset, ms", ylabel="less likely by, nats")
 legend = ax.legend()
 
 # %%

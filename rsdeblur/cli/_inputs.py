@@ -115,7 +115,7 @@ def with_offset(inputs: Inputs, photo: Path) -> Inputs:
         )
     check_offset(found, [photo])
     assert found.time_offset is not None
-    say_detail(f"{photo}: time offset {1e3 * found.time_offset:.1f} ms, confidence {found.confidence:.2f}")
+    say_detail(f"{photo}: time offset {1e3 * found.time_offset:.1f} ms (+- {1e3 * found.sd:.1f})")
     return inputs._replace(camera=replace(camera, time_offset=found.time_offset))
 
 
@@ -123,10 +123,7 @@ def check_offset(found: OffsetSearch, photos: Sequence[Path]) -> None:
     """Raise `InputError` if the pictures do not determine the time offset."""
     if found.time_offset is None:
         what = f"{photos[0]}: the picture does" if len(photos) == 1 else f"the {len(photos)} pictures do"
-        raise InputError(
-            f"{what} not determine the time offset: {found.reason} "
-            f"(likeliest {1e3 * found.best:.1f} ms, confidence {found.confidence:.2f})"
-        )
+        raise InputError(f"{what} not determine the time offset: {found.reason} (likeliest {1e3 * found.best:.1f} ms)")
 
 
 def recordings_of(photos: Sequence[Path], recording: Recording, numbered_from: int | None) -> list[Recording]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from rsdeblur.cli._types import PATH, SecondsType
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
-    from rsdeblur.estimate.time_offset import OffsetSearch, SharedOffset
+    from rsdeblur.estimate.time_offset import OffsetSearch
 
 # Shifts to try, s.
 SEARCH = (-0.06, 0.06)
@@ -58,7 +58,7 @@ def command(
     motion that changes; or that the photos disagree. The moments of several photos come from --capture, by the
     timestamps or frame numbers in their names.
     """
-    from rsdeblur.estimate.time_offset import find_shared_time_offset
+    from rsdeblur.estimate.time_offset import find_time_offset
     from rsdeblur.io.cameras import check_editable, write_time_offset
     from rsdeblur.io.exif import EXIF_ERROR
 
@@ -77,47 +77,32 @@ def command(
     if len(transfers) > 1:
         raise click.UsageError(f"the photos encode light differently ({', '.join(transfers)}); give --transfer")
     with progress("sync") as move, naming(photos[0] if len(photos) == 1 else None, recording):
-        found = find_shared_time_offset(
+        found = find_time_offset(
             [each.picture.pixels for each in inputs],
             *(inputs[0].log, inputs[0].camera, [each.exposure for each in inputs]),
             search=(usual[0] if first is None else first, usual[1] if last is None else last),
             transfer=transfer_of(inputs[0].picture, transfer),
             progress=move,
         )
-    result = found.joint
-    is_written = write and result.time_offset is not None
-    if is_written and result.time_offset is not None:
-        write_time_offset(recording.camera, result.time_offset)
+    is_written = write and found.time_offset is not None
+    if is_written and found.time_offset is not None:
+        write_time_offset(recording.camera, found.time_offset)
     if as_json:
-        print_json(_facts(found, photos) | {"written": str(recording.camera) if is_written else None})
-    elif len(photos) > 1:
-        _print_photos(found, photos)
-    check_offset(result, photos)
-    if not as_json and result.time_offset is not None:
+        print_json(_facts(found) | {"written": str(recording.camera) if is_written else None})
+    check_offset(found, photos)
+    if not as_json and found.time_offset is not None:
         place = f"; written to {recording.camera}" if is_written else ""
-        say(f"time offset {1e3 * result.time_offset:.1f} ms, confidence {result.confidence:.2f}{place}")
+        say(f"time offset {1e3 * found.time_offset:.1f} ms (+- {1e3 * found.sd:.1f}){place}")
 
 
-def _facts(found: SharedOffset, photos: Sequence[Path]) -> dict[str, Any]:
-    """Return the facts about an offset, and those about each photo alone."""
-
-    def brief(result: OffsetSearch) -> dict[str, Any]:
-        return {
-            "time_offset_s": result.time_offset,
-            "best_s": result.best,
-            "confidence": result.confidence,
-            "reason": result.reason,
-        }
-
-    alone = zip(photos, found.pictures, strict=True)
-    return brief(found.joint) | {
-        "offsets_s": found.joint.offsets.tolist(),
-        "scores": found.joint.scores.tolist(),
-        "photos": [{"photo": str(photo)} | brief(result) for photo, result in alone],
+def _facts(found: OffsetSearch) -> dict[str, Any]:
+    """Return the facts about an offset."""
+    return {
+        "time_offset_s": found.time_offset,
+        "best_s": found.best,
+        "sd_s": found.sd,
+        "lead": found.lead if math.isfinite(found.lead) else None,
+        "reason": found.reason,
+        "offsets_s": found.offsets.tolist(),
+        "scores": [score if math.isfinite(score) else None for score in found.scores.tolist()],
     }
-
-
-def _print_photos(found: SharedOffset, photos: Sequence[Path]) -> None:
-    for photo, result in zip(photos, found.pictures, strict=True):
-        doubt = "" if result.time_offset is not None else "; alone, it determines none"
-        say(f"{photo}: {1e3 * result.best:.1f} ms, confidence {result.confidence:.2f}{doubt}")

@@ -18,8 +18,7 @@ from scipy.fft import irfft2, rfft2
 from rsdeblur._util.threads import share, share_map
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.periodograms import TILE
-from rsdeblur.estimate.quick_sharpness import QuickSharpness
-from rsdeblur.estimate.sharpness import SIDE
+from rsdeblur.estimate.sharpness import SIDE, QuickSharpness
 from rsdeblur.estimate.spectra import TilePeriodograms
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.kernels.raster import rasterize
@@ -211,7 +210,7 @@ class CheckTiles:
 
 @dataclass(frozen=True, slots=True)
 class _Moving:
-    """The known motion of an upright picture, see :class:`rsdeblur.estimate.quick_sharpness.Moving`."""
+    """The known motion of an upright picture, see :class:`rsdeblur.estimate.sharpness.Moving`."""
 
     whole: Capture
 

@@ -15,7 +15,7 @@ from rsdeblur._util.threads import share_map
 from rsdeblur.errors import CoverageError
 from rsdeblur.estimate.correction import SHARED, Recording, Uncertainty
 from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior, costs_of
-from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
+from rsdeblur.estimate.sharpness import NATS_PER_FALL, QuickSharpness
 from rsdeblur.estimate.spectra import TileSpectra, spectra_side
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.gyro import GyroLog
@@ -88,7 +88,7 @@ class PhotoSet:
             start = replace(self.start, readout_direction=camera.readout_direction)
             recordings = [replace(each, camera=start) for each in self.recordings]
             self._spectra[key] = [
-                TileSpectra(light, recording, side=side, soft=True, threads=1)
+                TileSpectra(light, recording, side=side, threads=1)
                 for light, recording, side in zip(self._lights, recordings, self._sides, strict=True)
             ]
         return self._spectra[key]

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from rsdeblur._util.threads import share_map
 from rsdeblur.deconv.tiling import hat_weights
 from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, Correction, Recording
-from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL
 from rsdeblur.estimate.score import Corrected, Score
 from rsdeblur.estimate.search import (
     ADJUSTED,
@@ -28,6 +27,7 @@ from rsdeblur.estimate.search import (
     QUICK_STEPS,
     adjusted,
 )
+from rsdeblur.estimate.sharpness import NATS_PER_FALL
 from rsdeblur.estimate.streaks import lead_of
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.arguments import is_held

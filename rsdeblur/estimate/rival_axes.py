@@ -12,8 +12,8 @@ import numpy as np
 from rsdeblur._util.threads import share_map
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior
-from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, SHORTER
 from rsdeblur.estimate.score import Score
+from rsdeblur.estimate.sharpness import NATS_PER_FALL, SHORTER
 from rsdeblur.estimate.streaks import lead_of
 from rsdeblur.motion.axes import rotations
 from rsdeblur.types import FloatArray

@@ -6,6 +6,7 @@ Corrections are places of a :class:`rsdeblur.estimate.posterior.Posterior`; scor
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import starmap
@@ -17,8 +18,7 @@ from numpy.typing import NDArray
 from rsdeblur._util.threads import beside, share_map
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior
-from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, SHORTER, QuickSharpness
-from rsdeblur.estimate.sharpness import Sharpness
+from rsdeblur.estimate.sharpness import NATS_PER_FALL, SHORTER, QuickSharpness, WholeSharpness
 from rsdeblur.estimate.spectra import TileSpectra, spectra_side
 from rsdeblur.estimate.streaks import LightStreaks, lead_of
 from rsdeblur.types import FloatArray
@@ -83,10 +83,16 @@ class PhotoMeasures:
         self._tiles: dict[bytes, FloatArray] = {}
         self._whole_sparsities: dict[bytes, float] = {}
 
+    def renewed(self) -> PhotoMeasures:
+        """Return the same measures for another recording, of which nothing is known yet."""
+        other = copy(self)
+        other._streak_nats, other._tiles, other._whole_sparsities = {}, {}, {}
+        return other
+
     @cached_property
-    def whole(self) -> Sharpness:
+    def whole(self) -> WholeSharpness:
         """The measure of whole solves, which most photos do not need."""
-        return Sharpness(self._light, self._recording, robust=True)
+        return WholeSharpness(self._light, self._recording)
 
     def streak_nats(self, likelihood: PhotoLikelihood, row: FloatArray) -> float:
         """Return how much likelier the light streaks are than under no motion that explains them."""
@@ -96,7 +102,7 @@ class PhotoMeasures:
         return self._streak_nats[key]
 
     def tiles(self, likelihood: PhotoLikelihood, row: FloatArray) -> FloatArray:
-        """Return :meth:`rsdeblur.estimate.quick_sharpness.QuickSharpness.tiles` of a row."""
+        """Return :meth:`rsdeblur.estimate.sharpness.QuickSharpness.tiles` of a row."""
         key = row.tobytes()
         if key not in self._tiles:
             self._tiles[key] = self.quick.tiles(likelihood.corrected(row))
@@ -163,13 +169,20 @@ class Score:
         pairs = list(zip(lights, recordings, strict=True))
 
         def likelihood(light: NDArray[np.float32], recording: Recording) -> PhotoLikelihood:
-            spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True, white=False, threads=1)
+            spectra = TileSpectra(light, recording, side=spectra_side(recording), threads=1)
             return PhotoLikelihood(spectra, recording, deviations)
 
         with beside(lambda: list(starmap(LightStreaks, pairs)), threads) as streaks:
             likelihoods = list(starmap(likelihood, pairs))
             measures = [PhotoMeasures(*pair, each) for pair, each in zip(pairs, streaks(), strict=True)]
         return cls(_posterior(likelihoods, deviations, threads), measures, threads)
+
+    def under(self, recordings: Sequence[Recording], deviations: FloatArray) -> Score:
+        """Return the scores of corrections of other recordings of the same photos."""
+        spectra = (photo.likelihood.spectra for photo in self.photos)
+        likelihoods = [PhotoLikelihood(*pair, deviations) for pair in zip(spectra, recordings, strict=True)]
+        measures = [photo.measures.renewed() for photo in self.photos]
+        return Score(_posterior(likelihoods, deviations, self._threads), measures, self._threads)
 
     def alone(self, n: int) -> Score:
         """Return the scores by one of the photos alone."""
@@ -208,6 +221,18 @@ class Score:
     def _sparsities(self, place: FloatArray) -> FloatArray:
         pairs = zip(self.photos, place, strict=True)
         return np.array([measures.sparsity(likelihood, row) for (likelihood, measures), row in pairs])
+
+    def over(self, place: FloatArray, other: Score, *, most: float = np.inf) -> float:
+        """Return the score of a correction over the recordings that `other` measures, of the same photos, nats.
+
+        The logarithms of l1 / l2 do not fall by more than `most`, and count only where the spectra agree.
+        """
+        given = other.posterior.nats(other.nothing)
+        assert given is not None, "the log describes the exposures"
+        gain = self.posterior.lead(place, given)
+        gain += float(sum(map(lead_of, self._streak_nats(place), other._streak_nats(other.nothing))))
+        fall = float((other._sparsities(other.nothing) - self._sparsities(place)).sum())
+        return gain if gain < 0 else gain + NATS_PER_FALL * min(fall, most)
 
     def whole_falls(self, places: Sequence[FloatArray]) -> FloatArray:
         """Return how much the logarithm of l1 / l2 of each photo falls in the whole solve, shape (places, N)."""

@@ -13,8 +13,8 @@ import numpy as np
 
 from rsdeblur._util.threads import share_map
 from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, SHARED
-from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL
 from rsdeblur.estimate.score import Score
+from rsdeblur.estimate.sharpness import NATS_PER_FALL
 from rsdeblur.motion.arguments import is_held
 from rsdeblur.types import FloatArray, Progress
 

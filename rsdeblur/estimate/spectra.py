@@ -58,10 +58,6 @@ class TileSpectra:
         Recording of the picture. Corrected ones can be scored.
     side : int
         Longer side of the picture after reduction, px.
-    soft : bool, default False
-        Whether the power that is expected allows for :func:`softness`.
-    white : bool, default True
-        See :class:`TilePeriodograms`.
     threads : int, optional
         Threads that share the tiles of a fit; default all processors. 1 suits callers whose threads share motions.
 
@@ -77,8 +73,6 @@ class TileSpectra:
         recording: Recording,
         *,
         side: int,
-        soft: bool = False,
-        white: bool = True,
         threads: int | None = None,
     ) -> None:
         camera, self._threads = recording.camera, threads
@@ -94,8 +88,7 @@ class TileSpectra:
         nearest = np.abs(cols[:, None] - self._cols).argmin(axis=1)
         #: Centres of the rows and columns of tiles, as shares of the upright picture's height and width.
         self.centres = self._rows / grey.shape[0], cols / grey.shape[1]
-        softened = softness(self._scale) if soft else 0.0
-        self._periodograms = TilePeriodograms(grey, tops, lefts, softness=softened, white=white)
+        self._periodograms = TilePeriodograms(grey, tops, lefts, softness=softness(self._scale), white=False)
         self._place = (np.arange(len(tops))[:, None] * strips + nearest).ravel()
         longest = float(recording.capture(self._scale).probe.lengths.max())
         self._samples = max(LEAST_SAMPLES, int(SAMPLES_PER_PIXEL * longest) + 1)

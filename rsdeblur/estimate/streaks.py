@@ -17,7 +17,7 @@ from scipy import fft, ndimage
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.posterior import UNDESCRIBED
-from rsdeblur.estimate.quick_sharpness import LONGEST_BLUR, TILES
+from rsdeblur.estimate.sharpness import LONGEST_BLUR, TILES
 from rsdeblur.image.frame import upright
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres

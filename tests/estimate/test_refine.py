@@ -10,9 +10,9 @@ import pytest
 from rsdeblur import Camera, Correction, Exposure, InputError, Options, Uncertainty, deblur, plan, refine, simulate
 from rsdeblur.estimate import Refinement
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL
 from rsdeblur.estimate.rival_axes import OTHER_AXES
 from rsdeblur.estimate.score import Score
+from rsdeblur.estimate.sharpness import NATS_PER_FALL
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake

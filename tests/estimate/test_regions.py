@@ -9,9 +9,9 @@ import pytest
 
 from rsdeblur import Camera, Correction, Exposure, simulate
 from rsdeblur.estimate.correction import Recording, Uncertainty
-from rsdeblur.estimate.quick_sharpness import TILES
 from rsdeblur.estimate.regions import FACTORS, NATS_PER_SQUARE, DriftByRegion, _alike, with_factors
 from rsdeblur.estimate.score import Score
+from rsdeblur.estimate.sharpness import TILES
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake

@@ -7,8 +7,14 @@ from scipy.ndimage import gaussian_filter
 
 from rsdeblur import Camera, Correction, Exposure, simulate
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.quick_sharpness import TILES, QuickSharpness, _RepeatingTiles
-from rsdeblur.estimate.sharpness import concentration, contrast_shares, mean_concentration
+from rsdeblur.estimate.sharpness import (
+    TILES,
+    QuickSharpness,
+    WholeSharpness,
+    _RepeatingTiles,
+    concentrations,
+    contrast_shares,
+)
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 
@@ -48,9 +54,7 @@ def test_every_tile_counts_by_its_contrast_alone():
     shares = contrast_shares(tiles)
     np.testing.assert_allclose(shares.sum(), 1.0)
     brighter = tiles * np.array([1.0, 10.0, 0.1], np.float32)[:, None, None]
-    np.testing.assert_allclose(mean_concentration(brighter, shares), mean_concentration(tiles, shares), rtol=1e-5)
-    # One tile is measured as `concentration` measures a picture.
-    np.testing.assert_allclose(mean_concentration(tiles[:1], np.ones(1)), concentration(tiles[0]), rtol=1e-5)
+    np.testing.assert_allclose(concentrations(brighter), concentrations(tiles), rtol=1e-5)
 
 
 def test_a_flat_picture_stays():
@@ -66,9 +70,10 @@ def test_the_right_motion_is_the_sharpest():
     true = Recording(log, camera, exposure)
     picture = simulate(scene(172, 224), log, camera, exposure, noise=0.005).blurred.mean(axis=2)
     sharpness = QuickSharpness(picture, true)
-    least = sharpness.of(true)
-    for wrong in (Correction(drift_x=3.0), Correction(drift_y=-3.0), Correction(scale=0.3), Correction(scale=-0.3)):
-        assert sharpness.of(true.corrected(wrong)) > least + 0.01
+    for measure in (WholeSharpness(picture, true), sharpness):
+        least = measure.of(true)
+        for wrong in (Correction(drift_x=3.0), Correction(drift_y=-3.0), Correction(scale=0.3), Correction(scale=-0.3)):
+            assert measure.of(true.corrected(wrong)) > least + 0.01
     straight = np.linspace(-0.5, 0.5, 33)[:, None] * (9.0, 0.0)
     by_line, by_larger, by_same = sharpness.under_others(true, (straight, 1.4, 1.0), threads=2)
     assert by_line > least + 0.01
