@@ -1,8 +1,8 @@
 """What users call: ``python -m benchmarks.whole_call [--rounds 3] [--markdown FILE]``.
 
-Times of `rsdeblur.deblur` of an 8-bit picture with a quality and `saturation="ignore"`: strengths, tiles, PSFs, solve,
-check and conversions included. The unit is the bare 7 FFTs of that size (:func:`benchmarks.alternatives.bare`). Calls
-and FFTs are measured in turns.
+Times of `rsdeblur.deblur` of an 8-bit picture with a quality: strengths, tiles, PSFs, solve, check and conversions
+included. The unit is the bare 7 FFTs of that size (:func:`benchmarks.alternatives.bare`). Calls and FFTs are measured
+in turns.
 """
 
 from __future__ import annotations
@@ -29,12 +29,11 @@ TIMED: tuple[Quality, ...] = ("fast", "balanced")
 def rows(megapixels: int, rounds: int, load: float) -> list[tuple[str, ...]]:
     """Measure one size; `load` is that of the machine before."""
     (photo,), log, camera, (exposure,) = burst_of(megapixels, 1, strength=SIZES[megapixels])
-    results = {quality: deblur(photo, log, camera, exposure, quality=quality, saturation="ignore") for quality in TIMED}
+    results = {quality: deblur(photo, log, camera, exposure, quality=quality) for quality in TIMED}
     tall, wide = results["balanced"].psfs.size
-    jobs = {
-        quality: partial(deblur, photo, log, camera, exposure, quality=quality, saturation="ignore")
-        for quality in results
-    } | {"bare": bare(Case(camera.width, camera.height, (wide, tall)), thread_count(None)).run}
+    jobs = {quality: partial(deblur, photo, log, camera, exposure, quality=quality) for quality in results} | {
+        "bare": bare(Case(camera.width, camera.height, (wide, tall)), thread_count(None)).run
+    }
     times = interleave(jobs, rounds, steady=True)
     refuse_noise(load, times)
     return [

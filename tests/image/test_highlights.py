@@ -9,7 +9,8 @@ import pytest
 from scipy import ndimage
 
 import rsdeblur
-from rsdeblur import Camera, Exposure, GyroLog, InputError, PsfBank, psfs, simulate
+from rsdeblur import Camera, Exposure, GyroLog, InputError, Options, PsfBank, psfs, simulate
+from rsdeblur.choices import Saturation
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.image import highlights as saturation
 from rsdeblur.image.encoded import EncodedImage
@@ -23,6 +24,8 @@ from rsdeblur.image.highlights import (
     separate_highlights,
     small_spots,
 )
+from rsdeblur.pipeline.stages import StageClock
+from rsdeblur.pipeline.steps import split_highlights
 from rsdeblur.simulation import Simulation
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -221,3 +224,19 @@ def test_memory_is_bounded_or_refused(night: Simulation, log: GyroLog) -> None:
 def test_unknown_words_are_refused(night: Simulation, log: GyroLog) -> None:
     with pytest.raises(InputError, match="saturation"):
         deblur(night.blurred, log, CAMERA, EXPOSURE, saturation="maybe", prior="wiener")
+
+
+def test_frames_of_one_scene_are_separated_alike() -> None:
+    """By day, a glint of 9 px is a light and a sheet of 225 px, 1.8 % of the picture, is not."""
+    plain, glint, sheet = np.full((3, 96, 128, 1), 0.2, np.float32)
+    glint[40:43, 60:63], sheet[40:55, 60:75] = 1.0, 1.0
+    bank = PsfBank.for_picture(np.full((9, 9), 1 / 81), plain.shape)
+
+    def separated(*frames: np.ndarray, saturation: Saturation = "auto") -> list[bool]:
+        encoded = [EncodedImage(frame, "linear") for frame in frames]
+        options, banks = Options(saturation=saturation, threads=1), [lambda: bank] * len(frames)
+        return [bool(split.patches) for split in split_highlights(encoded, options, banks, StageClock())]
+
+    assert separated(glint, plain, glint) == [True, False, True]
+    assert separated(glint, sheet) == separated(sheet, glint) == [False, False]
+    assert separated(glint, sheet, saturation="always")[0]
