@@ -16,7 +16,7 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult, plan
-from rsdeblur.pipeline.settings import Strengths
+from rsdeblur.pipeline.solver import Strengths
 from rsdeblur.psf import PsfBank
 
 # px around a crop that are solved with it and not shown: as far as the blur reaches, within these bounds.

@@ -30,7 +30,7 @@ from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import judged, split_highlights
-from rsdeblur.pipeline.tiles import highlight_bank, tile_error
+from rsdeblur.pipeline.tiles import tile_error
 from rsdeblur.types import Float32Array, Progress
 
 # Most frames of a burst.
@@ -202,19 +202,18 @@ def deblur_burst(
     captures = _captures(log, frame, exposures, chosen)
     if mode == "auto":
         chosen = replace(chosen, mode=_suited_mode(chosen, captures))
-    banks = [partial(highlight_bank, capture, threads=chosen.threads) for capture in captures]
-    splits = split_highlights(encoded, chosen, banks, clock)
+    splits = split_highlights(encoded, chosen, captures, clock)
     with clock.stage("tune"):
         tunings = measured(splits, captures, chosen)
     with clock.stage("align"):
         burst = aligned(splits, captures, tunings, reference, clock, chosen.threads)
     with clock.stage("psfs"):
         solution = BurstSolution.of(burst, chosen)
-    coverage, meter = solution.run(upright, chosen, clock)
+    coverage, meter = solution.run(upright, clock)
     first, capture = burst.reference.encoded, burst.reference.alignment.capture
     evidence = partial(MotionEvidence.of, first, capture, threads=chosen.threads)
     check = judged(first, upright, evidence, meter, chosen, clock)
-    bank, strengths = solution.bank, solution.together
+    bank, strengths = solution.bank, solution.strengths
     shares = dict(zip(burst.used, solution.shares, strict=True))
     return BurstResult(
         DeblurResult(
@@ -228,7 +227,7 @@ def deblur_burst(
             coverage=frame.back(coverage),
             timings=clock.timings,
             check=check,
-            noise=solution.noise,
+            noise=strengths.noise,
         ),
         burst.index,
         tuple(_use(burst, n, shares.get(n, 0.0), frame) for n in range(len(images))),

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rsdeblur._util.threads import share_map
 from rsdeblur.choices import EXPONENT
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
+from rsdeblur.deconv.chroma import Solve
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.estimate.blur_spectra import KERNELS, BlurSpectra
 from rsdeblur.estimate.check import UndershootMeter
@@ -21,9 +22,9 @@ from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.pipeline.burst_alignment import AlignedBurst
 from rsdeblur.pipeline.burst_frames import BurstFrame
 from rsdeblur.pipeline.burst_prediction import predicted
-from rsdeblur.pipeline.memory import Chunk, least_memory
+from rsdeblur.pipeline.memory import least_memory
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.settings import SolverSettings
+from rsdeblur.pipeline.solver import Chunk, PictureSolver, Strengths
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import solve_chunks, tuned_strengths
 from rsdeblur.pipeline.tiles import tile_error, tile_paths
@@ -47,9 +48,8 @@ class BurstSolution:
     paths: tuple[BlurPaths, ...]
     bank: PsfBank
     shares: tuple[float, ...]
-    together: SolverSettings
-    alone: SolverSettings
-    noise: float | None
+    together: PictureSolver
+    alone: PictureSolver
 
     @classmethod
     def of(cls, burst: AlignedBurst, options: Options) -> BurstSolution:
@@ -80,40 +80,54 @@ class BurstSolution:
         paths = _paths(frames, tile_centres(bands, height), tile_centres(strips, width), threads=options.threads)
         # Chunks reach as far as the largest PSF of any frame.
         bank = PsfBank.from_paths(paths[0], threads=options.threads).padded(_largest(paths))
-        settings, single = (
-            SolverSettings.of(replace(each, chroma="full"), strength)
+        capture = burst.reference.alignment.capture
+        together, single = (
+            PictureSolver(replace(each, chroma="full"), strength, bank, capture)
             for each, strength in ((options, strengths), (simple, alone))
         )
-        return cls(frames, tuple(paths), bank, shares, settings, single, strengths.noise)
+        solution = cls(frames, tuple(paths), bank, shares, together, single)
+        whole = options.geometry == "rectify" or options.normalize
+        memory = None if whole else solution._memory(options.max_memory)
+        return replace(solution, together=replace(together, options=replace(together.options, max_memory=memory)))
 
-    def run(self, out: NDArray[Any], options: Options, clock: StageClock) -> tuple[NDArray[np.bool_], UndershootMeter]:
+    @property
+    def options(self) -> Options:
+        """All options."""
+        return self.together.options
+
+    @property
+    def strengths(self) -> Strengths:
+        """The strengths of all frames together."""
+        return self.together.strengths
+
+    @property
+    def count(self) -> int:
+        """Number of frames."""
+        return len(self.frames)
+
+    def run(self, out: NDArray[Any], clock: StageClock) -> tuple[NDArray[np.bool_], UndershootMeter]:
         """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
         reference = self.frames[0]
         meter = UndershootMeter(reference.encoded.shape[0])
-        whole = options.geometry == "rectify" or options.normalize
-        memory = None if whole else self._memory(options.max_memory)
-        coverage = solve_chunks(
-            reference.split,
-            *(out, self.bank, replace(options, max_memory=memory), self.together, clock),
-            plan_solver=lambda chunk, _: partial(self._solve, chunk),
-            frames=len(self.frames),
-            meter=meter,
-            capture=reference.alignment.capture,
-        )
+        coverage = solve_chunks(reference.split, out, self, clock, meter=meter, capture=reference.alignment.capture)
         return coverage, meter
+
+    def plan(self, chunk: Chunk, shape: tuple[int, int, int]) -> Solve:
+        """Plan the solver of a chunk, see :class:`rsdeblur.pipeline.solver.ChunkSolver`."""
+        del shape  # that of the light
+        return partial(self._solve, chunk)
 
     def _memory(self, most: int | None) -> int:
         """Return the bytes that a chunk may take, with the highlights of the reference."""
         if most is not None:
             return most - sum(frame.split.nbytes for frame in self.frames[1:])
         # The default bound grows rather than refuse the burst or cut it into thin chunks.
-        least = least_memory(self.bank, self.frames[0].encoded.shape, self.together, len(self.frames))
-        return max(MEMORY, int(ABOVE_LEAST[self.together.mode] * least))
+        least = least_memory(self, self.frames[0].encoded.shape)
+        return max(MEMORY, int(ABOVE_LEAST[self.options.mode_in_effect] * least))
 
     def _solve(self, chunk: Chunk, light: FloatImage, progress: StageProgress) -> FloatImage:
         """Return the sharp light of a chunk of rows; `light` is that of the reference, which is solved alone first."""
-        first, capture = chunk.source.start, self.frames[0].alignment.capture
-        alone = self.alone.plan_solver(capture, chunk.bank, light.shape, first)
+        alone = self.alone.plan(chunk, light.shape)
         single = alone(light, lambda share: progress(share / 3))
         if len(self.frames) == 1:
             return single
@@ -133,7 +147,7 @@ class BurstSolution:
         of the reference alone, `single`, predicts. So they neither help nor harm, and priors see whole pictures.
         """
         yield light
-        threads = self.together.threads
+        threads = self.options.threads
         for n, frame in enumerate(self.frames[1:], 1):
             shown, weights = frame.light(chunk.source, threads)
             for part, blurred in predicted(single, weights < 1, self._drawn(n, chunk), threads):
@@ -146,21 +160,20 @@ class BurstSolution:
 
     def _plan_solver(self, chunk: Chunk, shape: tuple[int, int, int]) -> BurstQuadratic | RowBurst:
         """Plan the solver of all frames together for a chunk whose light has the given shape."""
-        settings = self.together
-        if settings.mode != "rowwise":
+        engine, threads = self.together.engine, self.options.threads
+        if self.options.mode_in_effect != "rowwise":
             banks = [self._drawn(n, chunk) for n in range(1, len(self.frames))]
-            return BurstQuadratic(
-                [chunk.bank, *banks], self.shares, shape, wiener=settings.weight is None, **settings.engine
-            )
+            wiener = self.strengths.weight is None
+            return BurstQuadratic([chunk.bank, *banks], self.shares, shape, wiener=wiener, **engine)
         rows = chunk.source
 
         def paths(n: int) -> BlurPaths:
             traced = self.frames[n].alignment.every_row(rows.start, rows.stop, self.bank.cols)
             return replace(traced, rows=traced.rows - rows.start)
 
-        every_row = share_map(paths, range(len(self.frames)), settings.threads)
+        every_row = share_map(paths, range(len(self.frames)), threads)
         reach = chunk.bank.size[1] // 2
-        return RowBurst(every_row, self.shares, shape, reach=reach, solver=settings.solver, **settings.engine)
+        return RowBurst(every_row, self.shares, shape, reach=reach, solver=self.options.solver, **engine)
 
     def _drawn(self, n: int, chunk: Chunk) -> PsfBank:
         """Return the PSFs of a frame at the places of a chunk, counted from its first row."""
@@ -168,7 +181,7 @@ class BurstSolution:
         first = int(np.searchsorted(paths.rows, chunk.bank.rows[0] + chunk.source.start - 0.5))
         displacements = paths.displacements[first : first + len(chunk.bank.rows)]
         part = BlurPaths(displacements, chunk.bank.rows, chunk.bank.cols, paths.softness)
-        return PsfBank.from_paths(part, threads=self.together.threads)
+        return PsfBank.from_paths(part, threads=self.options.threads)
 
 
 def _paths(frames: Sequence[BurstFrame], rows: FloatArray, cols: FloatArray, *, threads: int | None) -> list[BlurPaths]:

@@ -26,7 +26,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.image.encoded import EncodedImage, result_like
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
-from rsdeblur.pipeline.settings import SolverSettings
+from rsdeblur.pipeline.solver import PictureSolver, chroma_of
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import derive_strengths, solve_chunks, split_highlights
 from rsdeblur.psf import PsfBank
@@ -133,15 +133,11 @@ def deconvolve_with(
         options = replace(options, chroma="full")
     out, channelled = result_like(image, out)
     bands, strips = bank.kernels.shape[:2]
-    (split,) = split_highlights([encoded], options, [lambda: bank], clock)
+    (split,) = split_highlights([encoded], options, [bank], clock)
     with clock.stage("tune"):
         one_psf = mode_of(bank) == "global"
-        strengths = derive_strengths(split, options, lambda: bank, one_psf=one_psf, given=True)
-    settings = SolverSettings.of(options, strengths)
-    solve_chunks(
-        *(split, channelled, bank, options, settings, clock),
-        plan_solver=lambda chunk, shape: settings.plan_solver(None, chunk.bank, shape, half=chunk.half),
-    )
+        strengths = derive_strengths(split, options, bank, one_psf=one_psf)
+    solve_chunks(split, channelled, PictureSolver(options, strengths, bank), clock)
     return DeblurResult(
         image=out,
         transfer=encoded.transfer,
@@ -153,7 +149,7 @@ def deconvolve_with(
         coverage=np.broadcast_to(np.True_, encoded.shape[:2]),
         timings=clock.timings,
         noise=strengths.noise,
-        chroma=settings.chroma_of(bank.size, encoded.shape),
+        chroma=chroma_of(options, bank.size, encoded.shape),
     )
 
 

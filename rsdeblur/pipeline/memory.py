@@ -6,7 +6,6 @@ those of the whole picture.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +17,7 @@ from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.rowwise import BLOCK
 from rsdeblur.pipeline.burst_prediction import LONGEST
-from rsdeblur.pipeline.settings import SolverSettings
+from rsdeblur.pipeline.solver import Chunk, ChunkSolver, Strengths, chroma_of
 from rsdeblur.psf import PsfBank, affecting
 from rsdeblur.types import FloatArray
 
@@ -44,67 +43,49 @@ LEAST_ROWS = 16
 TRANSFORM_EXCESS = 1.1
 
 
-@dataclass(frozen=True, slots=True)
-class Chunk:
-    """Rows `source` of the picture, solved with the PSFs of `bank` for the rows `target` of the result.
-
-    The places in `bank` count from the first row of `source`. `half` holds the PSFs of the colours at half the size, if
-    they are not those of :func:`rsdeblur.deconv.chroma.halved`.
-    """
-
-    source: slice
-    target: slice
-    bank: PsfBank
-    half: PsfBank | None = None
-
-
-def plan_chunks(
-    bank: PsfBank, shape: tuple[int, int, int], settings: SolverSettings, max_memory: int | None, frames: int = 1
-) -> list[Chunk]:
+def plan_chunks(solver: ChunkSolver, shape: tuple[int, int, int], max_memory: int | None) -> list[Chunk]:
     """Return the fewest chunks of a picture that need at most `max_memory` bytes each.
-
-    `frames` pictures of one scene are solved together.
 
     Raises
     ------
     InputError
         If the smallest chunk needs more.
     """
-    height = shape[0]
+    height, bank, options = shape[0], solver.bank, solver.options
     if max_memory is None:
         whole = slice(0, height)
         return [Chunk(whole, whole, bank)]
     count, most = 1, _most_chunks(height)
     while True:
-        parts = _parts(bank, height, settings, count)
-        needed = max(_bytes(bank, source, shape, settings, frames) for source, _ in parts)
+        parts = _parts(solver, height, count)
+        needed = max(_bytes(solver, source, shape) for source, _ in parts)
         if needed <= max_memory:
             # Merged in a chunk, tiles of the colours would lie elsewhere than in the next one.
-            is_halved = settings.chroma_of(bank.size, shape) == "half"
-            half = halved(bank, threads=settings.threads) if is_halved else None
+            is_halved = chroma_of(options, bank.size, shape) == "half"
+            half = halved(bank, threads=options.threads) if is_halved else None
             return [_chunk(bank, half, source, target) for source, target in parts]
         if count == most:
             raise InputError(
                 f"max_memory is {_mebibytes(max_memory)}, but even {LEAST_ROWS} rows of "
-                f"{'this picture' if frames == 1 else f'{frames} frames'} need {_mebibytes(needed)} with PSFs of "
-                f"{bank.size[1]}x{bank.size[0]} px; fewer strips or bands need less"
+                f"{'this picture' if solver.count == 1 else f'{solver.count} frames'} need {_mebibytes(needed)} with "
+                f"PSFs of {bank.size[1]}x{bank.size[0]} px; fewer strips or bands need less"
             )
         count = min(most, count + 1 + count // 8)
 
 
-def least_memory(bank: PsfBank, shape: tuple[int, int, int], settings: SolverSettings, frames: int = 1) -> int:
-    """Return the bytes that the smallest chunks of a picture need; `frames` of one scene are solved together."""
-    parts = _parts(bank, shape[0], settings, _most_chunks(shape[0]))
-    return max(_bytes(bank, source, shape, settings, frames) for source, _ in parts)
+def least_memory(solver: ChunkSolver, shape: tuple[int, int, int]) -> int:
+    """Return the bytes that the smallest chunks of a picture need."""
+    parts = _parts(solver, shape[0], _most_chunks(shape[0]))
+    return max(_bytes(solver, source, shape) for source, _ in parts)
 
 
 def _most_chunks(height: int) -> int:
     return -(-height // LEAST_ROWS)
 
 
-def _parts(bank: PsfBank, height: int, settings: SolverSettings, count: int) -> list[tuple[slice, slice]]:
+def _parts(solver: ChunkSolver, height: int, count: int) -> list[tuple[slice, slice]]:
     """Return the rows that a number of equally tall chunks read, and those that they write."""
-    reach = _reach(bank, settings)
+    reach = _reach(solver)
     edges = [height * i // count for i in range(count + 1)]
     # From an even row on, the pixels of half the size are those of the whole picture.
     return [(slice(max(a - reach, 0) // 2 * 2, min(b + reach, height)), slice(a, b)) for a, b in pairwise(edges)]
@@ -122,53 +103,53 @@ def _part(bank: PsfBank, rows: slice) -> PsfBank:
     return PsfBank(bank.kernels[bands], bank.rows[bands] - rows.start, bank.cols, paths, bank.softness)
 
 
-def _margin(settings: SolverSettings) -> float:
+def _margin(strengths: Strengths) -> float:
     """Return the margin of the tiles, in PSF sizes."""
-    return decay_margin(settings.nsr) if settings.weight is None else MARGIN
+    return decay_margin(strengths.nsr) if strengths.weight is None else MARGIN
 
 
-def _reach(bank: PsfBank, settings: SolverSettings) -> int:
+def _reach(solver: ChunkSolver) -> int:
     """Return the rows that a chunk reads beyond those that it writes."""
-    tall = bank.size[0]
-    if settings.weight is not None:
-        reach = PRIOR_REACH * tall
-    else:
-        reach = max(LEAST_REACH, DECAY_REACH / max(settings.nsr, LEAST_NSR) ** 0.5) * tall
-    if settings.mode == "banded" and len(bank.rows) > 1:
-        reach = min(reach, 2 * float(np.diff(bank.rows).max()) + _margin(settings) * tall)
-    if settings.weight is not None:
-        reach += STEP_ROWS * (2 if settings.chroma == "half" else 1)
+    bank, options, strengths = solver.bank, solver.options, solver.strengths
+    tall, is_linear = bank.size[0], strengths.weight is None
+    decay = max(LEAST_REACH, DECAY_REACH / max(strengths.nsr, LEAST_NSR) ** 0.5) if is_linear else PRIOR_REACH
+    reach = decay * tall
+    if options.mode_in_effect == "banded" and len(bank.rows) > 1:
+        reach = min(reach, 2 * float(np.diff(bank.rows).max()) + _margin(strengths) * tall)
+    if not is_linear:
+        reach += STEP_ROWS * (2 if options.chroma_in_effect == "half" else 1)
     return int(np.ceil(reach))
 
 
-def _bytes(bank: PsfBank, source: slice, shape: tuple[int, int, int], settings: SolverSettings, frames: int) -> int:
+def _bytes(solver: ChunkSolver, source: slice, shape: tuple[int, int, int]) -> int:
     """Predict the bytes that solving the rows `source` of one or several frames takes."""
+    bank, options, strengths, frames = solver.bank, solver.options, solver.strengths, solver.count
     rows, (_, width, channels) = source.stop - source.start, shape
     centres = bank.rows[affecting(bank.rows, source)] - source.start
     bands, strips, (tall, wide) = len(centres), len(bank.cols), bank.size
     picture = 4.0 * rows * width * channels
-    if settings.mode == "rowwise":
-        pictures = ROW_PICTURES if settings.weight is None else ROW_PRIOR_PICTURES
+    if options.mode_in_effect == "rowwise":
+        pictures = ROW_PICTURES if strengths.weight is None else ROW_PRIOR_PICTURES
         pictures += ROW_FRAME_PICTURES * (frames - 1)
         kept = 0.0
-        if frames > 1 and settings.weight is not None:
+        if frames > 1 and strengths.weight is not None:
             # The assembled normal matrices: one complex value for every second frequency along x.
-            row = _tile_length(bank.cols, width, wide, min(decay_margin(settings.nsr), MOST_MARGIN))
+            row = _tile_length(bank.cols, width, wide, min(decay_margin(strengths.nsr), MOST_MARGIN))
             kept = min(4.0 * rows * (tall + BLOCK) * row, ASSEMBLED_BYTES)
         model = ROW_MODEL * (1 + FRAME_MODEL * (frames - 1)) * rows * strips * (tall + wide)
         return int(FIXED + pictures * picture + model + kept)
-    pictures = TILE_PICTURES if settings.weight is None else TILE_PRIOR_PICTURES
+    pictures = TILE_PICTURES if strengths.weight is None else TILE_PRIOR_PICTURES
     length, row = (
-        _tile_length(places, n, kernel, _margin(settings))
+        _tile_length(places, n, kernel, _margin(strengths))
         for places, n, kernel in ((centres, rows, tall), (bank.cols, width, wide))
     )
     # One complex value for every second frequency along x: a filter of each tile. With a prior or several frames, the
     # sums of the normal equations instead, and the OTFs of one strip.
     tiles = float(bands * strips * length * row)
     filters = 4.0 * tiles
-    if frames > 1 or settings.weight is not None:
+    if frames > 1 or strengths.weight is not None:
         # Those of brightness and of colours at half size are not kept at the same time.
-        together = 1 if settings.chroma_of(bank.size, shape) == "half" else channels
+        together = 1 if chroma_of(options, bank.size, shape) == "half" else channels
         filters = (4.0 * together + 2.0) * tiles + 4.0 * tiles / strips
     if frames > 1:
         pictures += BURST_PICTURES

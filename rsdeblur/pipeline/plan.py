@@ -28,10 +28,10 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.motion.plausible import too_wide
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.settings import SolverSettings, Strengths
+from rsdeblur.pipeline.solver import PictureSolver, Strengths, chroma_of
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import derive_strengths, judged, solve_chunks, split_highlights
-from rsdeblur.pipeline.tiles import few_psfs, highlight_bank, tile_paths
+from rsdeblur.pipeline.tiles import tile_paths
 from rsdeblur.psf import PsfBank, kernel_sheet
 from rsdeblur.types import FloatImage, Progress
 
@@ -205,7 +205,7 @@ class Plan:
             check=check,
             noise=self.strengths.noise,
             refinement=self.refinement,
-            chroma=self._settings.chroma_of(self.bank.size, encoded.shape),
+            chroma=chroma_of(self.options, self.bank.size, encoded.shape),
         )
 
     def _encoded(self, image: ArrayLike) -> EncodedImage:
@@ -215,16 +215,15 @@ class Plan:
 
     def _split(self, encoded: EncodedImage, clock: StageClock) -> HighlightSplit:
         """Separate the clipped highlights, if the options request it and there are any."""
-        bank = partial(highlight_bank, self.capture, threads=self.options.threads)
-        return split_highlights([encoded], self.options, [bank], clock)[0]
+        return split_highlights([encoded], self.options, [self.capture], clock)[0]
 
     def _prepared(self, split: HighlightSplit, clock: StageClock, light: FloatImage | None = None) -> Plan:
         """Return the plan with fixed strengths, derived from a picture if this plan has none, and fixed PSFs."""
         strengths = self.strengths
         if strengths is None:
             with clock.stage("tune"):
-                few = partial(few_psfs, self.capture, threads=self.options.threads)
-                strengths = derive_strengths(split, self.options, few, one_psf=self.options.has_one_psf, light=light)
+                one_psf = self.options.has_one_psf
+                strengths = derive_strengths(split, self.options, self.capture, one_psf=one_psf, light=light)
         elif self.bank is not None:
             return self
         with clock.stage("psfs"):
@@ -241,11 +240,6 @@ class Plan:
         """
         return tile_paths(self.capture, self.options.mode_in_effect, self.options.bands, self.options.strips, nsr)
 
-    @property
-    def _settings(self) -> SolverSettings:
-        assert self.strengths is not None
-        return SolverSettings.of(self.options, self.strengths)
-
     def _solve(
         self,
         split: HighlightSplit,
@@ -255,17 +249,11 @@ class Plan:
         clock: StageClock,
     ) -> NDArray[np.bool_]:
         """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
+        assert self.strengths is not None
         assert self.bank is not None
-        settings = self._settings
-        return solve_chunks(
-            *(split, out, self.bank, self.options, settings, clock),
-            plan_solver=lambda chunk, shape: settings.plan_solver(
-                self.capture, chunk.bank, shape, chunk.source.start, chunk.half
-            ),
-            light=light,
-            meter=meter if self.options.judges else None,
-            capture=self.capture,
-        )
+        solver = PictureSolver(self.options, self.strengths, self.bank, self.capture)
+        judging = meter if self.options.judges else None
+        return solve_chunks(split, out, solver, clock, light=light, meter=judging, capture=self.capture)
 
 
 def captured(frame: ReadoutFrame, log: GyroLog, exposure: Exposure, options: Options) -> Capture:

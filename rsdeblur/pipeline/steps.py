@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.deconv.chroma import Solve
 from rsdeblur.deconv.plug_and_play import DENOISERS, WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
@@ -22,10 +21,11 @@ from rsdeblur.image.transfer import normalized
 from rsdeblur.image.undershoot import fade_undershoot
 from rsdeblur.motion.paths import Capture
 from rsdeblur.motion.rectify import rectify
-from rsdeblur.pipeline.memory import Chunk, plan_chunks
+from rsdeblur.pipeline.memory import plan_chunks
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.settings import SolverSettings, Strengths
+from rsdeblur.pipeline.solver import ChunkSolver, Strengths
 from rsdeblur.pipeline.stages import StageClock
+from rsdeblur.pipeline.tiles import Blur, few_psfs, highlight_bank
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
 
@@ -42,16 +42,19 @@ NSR_OF_VARIANCE = 2.0
 
 
 def split_highlights(
-    frames: Sequence[EncodedImage], options: Options, banks: Sequence[Callable[[], PsfBank]], clock: StageClock
+    frames: Sequence[EncodedImage], options: Options, blurs: Sequence[Blur], clock: StageClock
 ) -> list[HighlightSplit]:
     """Separate the clipped highlights of frames of one scene, if the options request it and there are any.
 
-    A saturation of "auto" decides for all frames alike. `banks` are called for frames with clipped pixels only.
+    A saturation of "auto" decides for all frames alike. PSFs are drawn for frames with clipped pixels only.
     """
     whole = [HighlightSplit(encoded) for encoded in frames]
     if options.saturation_in_effect == "ignore":
         return whole
-    found = [(spots, bank() if spots else None) for spots, bank in zip(map(find_spots, frames), banks, strict=True)]
+    found = [
+        (spots, highlight_bank(blur, threads=options.threads) if spots else None)
+        for spots, blur in zip(map(find_spots, frames), blurs, strict=True)
+    ]
     small = [([] if psfs is None else small_spots(spots, psfs), psfs) for spots, psfs in found]
     alike = zip(small, frames, strict=True)
     if options.saturation_in_effect == "auto" and not all(are_lights(spots, encoded) for (spots, _), encoded in alike):
@@ -73,11 +76,10 @@ def split_highlights(
 def derive_strengths(
     split: HighlightSplit,
     options: Options,
-    bank: Callable[[], PsfBank],
+    blur: Blur,
     *,
     one_psf: bool,
     light: FloatImage | None = None,
-    given: bool = False,
 ) -> Strengths:
     """Return the strengths of a picture.
 
@@ -87,19 +89,18 @@ def derive_strengths(
         The picture.
     options : Options
         Options; what they set is not derived.
-    bank : callable
-        Returns a few PSFs that are spread over the picture; called only if something is derived.
+    blur : Capture or PsfBank
+        The motion; or the caller's own PSFs, which count as exact and may describe a picture that repeats.
     one_psf : bool
         Whether one PSF is undone in the whole picture.
     light : ndarray, shape (H, W, C), float32, optional
         Linear light of the picture without highlights, if it is decoded already.
-    given : bool, default False
-        Whether the PSFs are the caller's own, which count as exact and may describe a picture that repeats.
     """
+    given = isinstance(blur, PsfBank)
     peak = brightness(split.remainder(slice(None), 4))
     if options.prior_in_effect == "wiener" and options.nsr != "auto":
         return Strengths(options.nsr, None, peak, options.nsr)
-    rows, part = tuned_part(split.encoded.shape, bank())
+    rows, part = tuned_part(split.encoded.shape, few_psfs(blur, threads=options.threads))
     noise = None if options.noise == "auto" else options.noise
     continued = options.mode_in_effect != "rowwise"
     repeats = given and options.border == "periodic"
@@ -136,7 +137,7 @@ def tuned_strengths(tuning: Tuning, options: Options, peak: float, *, given: boo
     peak : float
         Value of the picture's bright parts.
     given : bool, default False
-        See :func:`derive_strengths`.
+        Whether the PSFs are the caller's own.
     """
     prior = options.prior_in_effect
     if prior == "wiener":
@@ -172,14 +173,10 @@ def _prior_nsr(tuning: Tuning, options: Options, peak: float, *, given: bool) ->
 def solve_chunks(
     split: HighlightSplit,
     out: NDArray[Any],
-    bank: PsfBank,
-    options: Options,
-    settings: SolverSettings,
+    solver: ChunkSolver,
     clock: StageClock,
     *,
-    plan_solver: Callable[[Chunk, tuple[int, int, int]], Solve],
     light: FloatImage | None = None,
-    frames: int = 1,
     meter: UndershootMeter | None = None,
     capture: Capture | None = None,
 ) -> NDArray[np.bool_]:
@@ -191,49 +188,45 @@ def solve_chunks(
         The picture.
     out : ndarray
         Receives encoded values.
-    bank, options, settings
-        Its PSFs, and how to solve it.
+    solver : ChunkSolver
+        Its solver.
     clock : StageClock
         Times the stages.
-    plan_solver : callable
-        Plans the solver of a chunk whose light has the given shape.
     light : ndarray, shape (H, W, C), float32, optional
         Linear light of the picture without highlights, if it is decoded already.
-    frames : int, default 1
-        Number of pictures of the scene that it solves together.
     meter : UndershootMeter, optional
         Measures light before and after the solve.
     capture : Capture, optional
         The motion, which the options may request to rectify the picture by.
     """
+    options, size, threads = solver.options, solver.bank.size, solver.options.threads
     coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, split.encoded.shape[:2])
     # Linear methods, of which the published filter is one, stay linear.
     is_corrected = options.prior_in_effect not in ("wiener", "gradient")
     memory = None if options.max_memory is None else options.max_memory - split.nbytes
-    chunks = plan_chunks(bank, split.encoded.shape, settings, memory, frames)
+    chunks = plan_chunks(solver, split.encoded.shape, memory)
     for n, chunk in enumerate(chunks):
-        linear = split.remainder(chunk.source, threads=options.threads) if light is None else light[chunk.source]
-        inner = slice(chunk.target.start - chunk.source.start, chunk.target.stop - chunk.source.start)
+        first = chunk.source.start
+        linear = split.remainder(chunk.source, threads=threads) if light is None else light[chunk.source]
+        inner = slice(chunk.target.start - first, chunk.target.stop - first)
         if meter is not None:
             meter.before(linear[inner], chunk.target)
         with clock.stage("plan"):
-            solve = plan_solver(chunk, linear.shape)
+            solve = solver.plan(chunk, linear.shape)
         with clock.stage("apply"):
             linear = solve(linear, clock.within("apply", n, len(chunks)))
-        split.add_highlights(linear, chunk.source.start)
+        split.add_highlights(linear, first)
         if meter is not None:
             meter.after(linear[inner], chunk.target)
         if is_corrected:
-            fade_undershoot(
-                linear, split.encoded, chunk.source.start, bank.size, settings.peak, threads=options.threads
-            )
-            keep_colours_near_clipped(linear, split.encoded, chunk.source.start, bank.size, threads=options.threads)
+            fade_undershoot(linear, split.encoded, first, size, solver.strengths.peak, threads=threads)
+            keep_colours_near_clipped(linear, split.encoded, first, size, threads=threads)
         if options.geometry == "rectify" and capture is not None:
             with clock.stage("rectify"):
-                linear, coverage = rectify(linear, capture, threads=options.threads)
+                linear, coverage = rectify(linear, capture, threads=threads)
         if options.normalize:
             linear = normalized(linear)
-        split.encoded.encode(linear[inner], chunk.target, out, threads=options.threads)
+        split.encoded.encode(linear[inner], chunk.target, out, threads=threads)
         # Free the memory before the next chunk is planned.
         del linear, solve
     return coverage

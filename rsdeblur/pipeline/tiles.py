@@ -29,6 +29,9 @@ MOST_STRIPS = 16
 # Bounds of numbers that are given: a PSF takes memory and time in every mode, whatever the size of its tile.
 MOST_GIVEN_STRIPS, MOST_TILES = 256, 16_384
 
+# The motion that blurs a picture, or its PSFs.
+Blur = Capture | PsfBank
+
 
 def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: float) -> BlurPaths:
     """Trace the paths at the centres of the tiles.
@@ -76,15 +79,19 @@ def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: f
     return paths
 
 
-def few_psfs(capture: Capture, *, threads: int | None) -> PsfBank:
-    """Return a few PSFs that are spread over the picture, for automatic strengths."""
-    bands, strips = min(KERNELS, capture.camera.height), min(KERNELS, capture.camera.width)
-    return PsfBank.from_paths(tile_paths(capture, "banded", bands, strips, 1.0), threads=threads)
+def few_psfs(blur: Blur, *, threads: int | None) -> PsfBank:
+    """Return a few PSFs that are spread over the picture, for automatic strengths; all PSFs that are given."""
+    if isinstance(blur, PsfBank):
+        return blur
+    bands, strips = min(KERNELS, blur.camera.height), min(KERNELS, blur.camera.width)
+    return PsfBank.from_paths(tile_paths(blur, "banded", bands, strips, 1.0), threads=threads)
 
 
-def highlight_bank(capture: Capture, *, threads: int | None) -> PsfBank:
+def highlight_bank(blur: Blur, *, threads: int | None) -> PsfBank:
     """Return the PSFs with which the highlights of a picture are separated."""
-    return PsfBank.from_paths(tile_paths(capture, "banded", "auto", "auto", HIGHLIGHT_NSR), threads=threads)
+    if isinstance(blur, PsfBank):
+        return blur
+    return PsfBank.from_paths(tile_paths(blur, "banded", "auto", "auto", HIGHLIGHT_NSR), threads=threads)
 
 
 def tile_error(capture: Capture) -> float:

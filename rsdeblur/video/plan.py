@@ -24,7 +24,7 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import Plan, captured, plan
-from rsdeblur.pipeline.settings import SolverSettings, Strengths
+from rsdeblur.pipeline.solver import Strengths, chroma_of
 from rsdeblur.types import FloatArray, Progress
 from rsdeblur.video import QUALITY
 from rsdeblur.video.clip import Clip, frames
@@ -95,8 +95,7 @@ class ClipPlan:
     @property
     def chroma(self) -> Chroma:
         """Resolution at which colours are restored, with the largest kernels; with very small ones it is full."""
-        settings = SolverSettings.of(self.options, self.strengths)
-        return settings.chroma_of(self.psf_size, (self.clip.height, self.clip.width, CHANNELS))
+        return chroma_of(self.options, self.psf_size, (self.clip.height, self.clip.width, CHANNELS))
 
     def frame(self, index: int) -> Plan:
         """Return the plan of one frame, whose own motion decides its tiles.

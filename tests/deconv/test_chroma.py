@@ -25,7 +25,7 @@ from rsdeblur import (
 from rsdeblur.deconv import DerivativePrior, TileQuadratic
 from rsdeblur.deconv.chroma import LEAST_SIZE, LUMA_STRENGTH, halved, luma_share, suits_half
 from rsdeblur.kernels.chroma import separate
-from rsdeblur.pipeline.settings import SolverSettings, Strengths
+from rsdeblur.pipeline.solver import Chunk, PictureSolver, Strengths
 
 CAMERA, LOG, NSR, WEIGHT = Camera(161, 121, 170.0, readout_time=0.02), hand_shake(0.3, seed=3), 0.003, 0.003
 SHAPE = 121, 161, 3
@@ -48,7 +48,8 @@ def restored(solver, light, progress=quiet):
 def solver_of(bank, prior, chroma="half"):
     options = Options(prior=prior, chroma=chroma)
     strengths = Strengths(NSR, None if prior == "wiener" else WEIGHT, 1.0, NSR)
-    return SolverSettings.of(options, strengths).plan_solver(None, bank, SHAPE)
+    rows = slice(0, SHAPE[0])
+    return PictureSolver(options, strengths, bank).plan(Chunk(rows, rows, bank), SHAPE)
 
 
 def one_plane(bank, prior, share=1.0):

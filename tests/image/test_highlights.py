@@ -234,7 +234,7 @@ def test_frames_of_one_scene_are_separated_alike() -> None:
 
     def separated(*frames: np.ndarray, saturation: Saturation = "auto") -> list[bool]:
         encoded = [EncodedImage(frame, "linear") for frame in frames]
-        options, banks = Options(saturation=saturation, threads=1), [lambda: bank] * len(frames)
+        options, banks = Options(saturation=saturation, threads=1), [bank] * len(frames)
         return [bool(split.patches) for split in split_highlights(encoded, options, banks, StageClock())]
 
     assert separated(glint, plain, glint) == [True, False, True]

@@ -1,0 +1,210 @@
+"""Strengths, and the solver of a picture, which plans one for each chunk of its rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Protocol
+
+from rsdeblur.choices import Chroma
+from rsdeblur.deconv.boundary import extended, extended_shape
+from rsdeblur.deconv.chroma import HalfChroma, Solve, half_shape, halved, luma_share, suits_half
+from rsdeblur.deconv.plug_and_play import DENOISERS, PlugAndPlayPrior
+from rsdeblur.deconv.priors import DerivativePrior, LatentPrior
+from rsdeblur.deconv.quadratic import TileQuadratic
+from rsdeblur.deconv.rowwise import RowDeconvolver
+from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic
+from rsdeblur.deconv.wavelet import WaveletPrior
+from rsdeblur.deconv.wiener import Deconvolver
+from rsdeblur.errors import InputError
+from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.pipeline.options import Options
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatImage, StageProgress
+
+
+@dataclass(frozen=True, slots=True)
+class Strengths:
+    """Strengths of a solution, derived from a picture's noise and blur or set by the options.
+
+    Parameters
+    ----------
+    nsr : float
+        Noise-to-signal ratio.
+    weight : float or None
+        Weight of the prior; None for the Wiener filter.
+    peak : float
+        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
+    tile_nsr : float
+        Noise-to-signal ratio that decides the automatic numbers of bands and strips.
+    wavelet : WaveletPrior, optional
+        The learned prior with all its numbers; None for other priors.
+    noise : float, optional
+        Standard deviation of the picture's noise; None where no strength needed it.
+    """
+
+    nsr: float
+    weight: float | None
+    peak: float
+    tile_nsr: float
+    wavelet: WaveletPrior | None = None
+    noise: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Rows `source` of the picture, solved with the PSFs of `bank` for the rows `target` of the result.
+
+    The places in `bank` count from the first row of `source`. `half` holds the PSFs of the colours at half the size, if
+    they are not those of :func:`rsdeblur.deconv.chroma.halved`.
+    """
+
+    source: slice
+    target: slice
+    bank: PsfBank
+    half: PsfBank | None = None
+
+
+class ChunkSolver(Protocol):
+    """What solves a picture, or several of a scene together, chunk by chunk."""
+
+    @property
+    def options(self) -> Options:
+        """All options."""
+
+    @property
+    def strengths(self) -> Strengths:
+        """The strengths in use."""
+
+    @property
+    def bank(self) -> PsfBank:
+        """PSFs of the whole picture."""
+
+    @property
+    def count(self) -> int:
+        """Number of pictures that are solved together."""
+
+    def plan(self, chunk: Chunk, shape: tuple[int, int, int]) -> Solve:
+        """Plan the solver of a chunk, whose light has the given shape; it restores one picture, with its progress."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PictureSolver:
+    """Solver of one picture.
+
+    Parameters
+    ----------
+    options : Options
+        All options.
+    strengths : Strengths
+        The strengths in use.
+    bank : PsfBank
+        PSFs of the whole picture.
+    capture : Capture, optional
+        The motion that they come from, which "rowwise" needs.
+    """
+
+    options: Options
+    strengths: Strengths
+    bank: PsfBank
+    capture: Capture | None = None
+
+    @property
+    def count(self) -> int:
+        """One picture."""
+        return 1
+
+    @property
+    def engine(self) -> dict[str, Any]:
+        """The settings that every solver takes under the same name."""
+        options = self.options
+        return {
+            "nsr": self.strengths.nsr,
+            "border": options.border_in_effect,
+            "planning": options.planning,
+            "threads": options.threads,
+        }
+
+    @property
+    def latent_prior(self) -> LatentPrior | None:
+        """The prior as the solvers take it; None for the Wiener filter."""
+        prior, threads = self.options.prior_in_effect, self.options.threads
+        strengths, weight = self.strengths, self.strengths.weight
+        if weight is None:
+            return None
+        if callable(prior):
+            return PlugAndPlayPrior(prior, weight, strengths.peak)
+        if prior in DENOISERS:
+            return PlugAndPlayPrior(partial(DENOISERS[prior], threads=threads), weight, strengths.peak)
+        if strengths.wavelet is not None:
+            return strengths.wavelet
+        return DerivativePrior(prior, weight, self.options.exponent, strengths.peak)
+
+    def plan(self, chunk: Chunk, shape: tuple[int, int, int]) -> Solve:
+        """Plan the solver of a chunk, whose light has the given shape; see :class:`ChunkSolver`."""
+        if self.options.boundary_in_effect is not None:
+            return self._open_border(chunk.bank, shape)
+        if self.options.mode_in_effect == "rowwise":
+            return self._rowwise(chunk, shape)
+        if chroma_of(self.options, chunk.bank.size, shape) == "half":
+            return self._half_chroma(chunk, shape)
+        return self._tiles(chunk.bank, shape)
+
+    def _tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> Solve:
+        prior = self.latent_prior
+        if prior is None:
+            wiener = Deconvolver(bank, shape, **self.engine)
+            return lambda light, progress: wiener.apply(light, progress=progress)
+        quadratic = TileQuadratic(bank, shape, **self.engine)
+        return lambda light, progress: quadratic.apply(light, prior=prior, progress=progress)
+
+    def _half_chroma(self, chunk: Chunk, shape: tuple[int, int, int]) -> HalfChroma:
+        """Plan a solver of the brightness, and one of the picture at half size."""
+        threads, strengths = self.options.threads, self.strengths
+        share = luma_share(self.options.prior_in_effect, self.options.exponent)
+        if strengths.weight is None:
+            own = replace(strengths, nsr=share * strengths.nsr)
+        else:
+            own = replace(strengths, weight=share * strengths.weight)
+        luma = replace(self, strengths=own)
+        return HalfChroma(
+            luma._tiles(chunk.bank, (*shape[:2], 1)),
+            self._tiles(chunk.half or halved(chunk.bank, threads=threads), half_shape(shape)),
+            peak=strengths.peak,
+            threads=threads,
+        )
+
+    def _open_border(self, bank: PsfBank, shape: tuple[int, int, int]) -> Solve:
+        """Plan a solver for which what lies beyond the frame is unknown."""
+        (height, width, _), prior = shape, self.latent_prior
+        assert prior is not None, "Options refuses the Wiener filter"
+        unknown = UnknownBorderQuadratic(
+            bank,
+            extended_shape(shape, bank),
+            recorded=(height, width),
+            nsr=self.strengths.nsr,
+            planning=self.options.planning,
+            threads=self.options.threads,
+        )
+
+        def solve(light: FloatImage, progress: StageProgress) -> FloatImage:
+            restored = unknown.apply(extended(light, bank), prior=prior, progress=progress)
+            return restored[:height, :width]
+
+        return solve
+
+    def _rowwise(self, chunk: Chunk, shape: tuple[int, int, int]) -> Solve:
+        if self.capture is None:
+            raise InputError('mode="rowwise" has no tiles')
+        first = chunk.source.start
+        paths = BlurPaths.every_row(self.capture, chunk.bank.cols, within=slice(first, first + shape[0]))
+        paths = replace(paths, rows=paths.rows - first)
+        # Of all rows of the picture, not only of these; paths between those of the probe are hardly longer.
+        reach = min(int(self.capture.probe.extent[1]) + 2, (shape[1] - 1) // 2)
+        rows = RowDeconvolver(paths, shape, reach=reach, solver=self.options.solver, **self.engine)
+        return lambda light, progress: rows.apply(light, prior=self.latent_prior, progress=progress)
+
+
+def chroma_of(options: Options, size: tuple[int, int], shape: tuple[int, int, int]) -> Chroma:
+    """Return the resolution of the colours of pictures (H, W, C), restored with kernels of a size (px)."""
+    return "half" if options.chroma_in_effect == "half" and suits_half(size, shape) else "full"
