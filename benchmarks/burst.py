@@ -29,10 +29,10 @@ from benchmarks.data import Image, noted
 from benchmarks.priors import jpeg, with_recording_errors
 from benchmarks.tables import append, markdown, recorded, report
 from rsdeblur import Camera, Exposure, GyroLog, Translation, deblur, deblur_burst, simulate_clip
+from rsdeblur.burst.frames import Warp
 from rsdeblur.choices import Auto, Mode, Prior
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.motion.alignment import Alignment, burst_captures
-from rsdeblur.pipeline.burst_frames import Warp
 from rsdeblur.simulation import Layer
 
 # (Kodak picture, start in the log in s)

@@ -16,6 +16,7 @@ list::
     estimate    noise, strengths, time offset, check of a result
     simulation  forward model, test scene, hand shake
     pipeline    deblur(), deconvolve() and plan(): from photo and motion to the sharp picture
+    burst       deblur_burst(): several frames of one scene together
     io          files of gyro logs, cameras, captures and pictures
     video       videos, frame by frame
     report      drawings, contact sheets, the HTML report
@@ -27,8 +28,8 @@ list::
 `motion` imports nothing from `deconv`, and `deconv` knows neither gyro log nor camera nor exposure: it takes only
 :class:`BlurPaths` and :class:`PsfBank`.
 
-The names that most users need are those of `rsdeblur` itself. `motion`, `deconv`, `estimate`, `pipeline` and
-`simulation` have those of their parts and results, like `rsdeblur.motion.Capture`.
+The names that most users need are those of `rsdeblur` itself. `motion`, `deconv`, `estimate`, `pipeline`, `burst`
+and `simulation` have those of their parts and results, like `rsdeblur.motion.Capture`.
 """
 
 try:

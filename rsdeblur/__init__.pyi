@@ -1,4 +1,5 @@
 from . import deconv, errors, estimate, io, motion, pipeline, plot, report, simulation
+from .burst.burst import deblur_burst as deblur_burst
 from .config import show_config as show_config
 from .deconv.wiener import Deconvolver as Deconvolver
 from .errors import CoverageError as CoverageError
@@ -26,7 +27,6 @@ from .motion.camera import Camera as Camera
 from .motion.exposure import Exposure as Exposure
 from .motion.gyro import GyroLog as GyroLog
 from .motion.translation import Translation as Translation
-from .pipeline.burst import deblur_burst as deblur_burst
 from .pipeline.deblur import deblur as deblur
 from .pipeline.deblur import psfs as psfs
 from .pipeline.deconvolve import deconvolve as deconvolve

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.extras import missing
+from rsdeblur.burst.burst import BurstResult
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.image.encoded import EncodedImage
@@ -23,7 +24,6 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths
-from rsdeblur.pipeline.burst import BurstResult
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.psf import PsfBank
 from rsdeblur.report.psf_map import evenly, visible_part

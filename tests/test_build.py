@@ -77,7 +77,8 @@ def package_modules(path):
 def test_every_module_has_a_rung():
     assert LADDER[:3] == ["errors", "types", "choices"]
     assert {rung(path) for path in MODULES} == set(LADDER)
-    assert len(LADDER) <= 20
+    # A room that fills up is divided: bursts and calibration have their own.
+    assert len(LADDER) <= 22
 
 
 def test_imports_only_from_above():

@@ -47,12 +47,12 @@ from rsdeblur.cli._usage import refuse_unused
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
+    from rsdeblur.burst.burst import BurstResult
     from rsdeblur.choices import Auto, Mode
     from rsdeblur.io.pictures import Picture
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
     from rsdeblur.motion.gyro import GyroLog
-    from rsdeblur.pipeline.burst import BurstResult
     from rsdeblur.pipeline.options import Options
 
 EXAMPLES = """\b
@@ -208,8 +208,8 @@ def _deblurred(
     shots: Shots, mode: Mode | Auto, options: Options, target: Target, *, reference: int | None = None
 ) -> tuple[dict[str, Any], BurstResult]:
     """Deblur and write a burst, and return the facts to report and the result."""
+    from rsdeblur.burst.burst import deblur_burst
     from rsdeblur.io.picture_output import write_picture
-    from rsdeblur.pipeline.burst import deblur_burst
 
     pictures, numbers, exposures, log, camera = shots
     options = replace(options, transfer=transfer_of(pictures[0], options.transfer))

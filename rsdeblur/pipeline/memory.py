@@ -16,7 +16,6 @@ from rsdeblur.deconv.rowwise_solver import ASSEMBLED_BYTES, MOST_MARGIN
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.rowwise import BLOCK
-from rsdeblur.pipeline.burst_prediction import LONGEST
 from rsdeblur.pipeline.solver import Chunk, ChunkSolver, Strengths, chroma_of
 from rsdeblur.psf import PsfBank, affecting
 from rsdeblur.types import FloatArray
@@ -33,6 +32,8 @@ PRIOR_REACH, STEP_ROWS = 4.0, 32
 TILE_PICTURES, TILE_PRIOR_PICTURES = 3.3, 5.0
 ROW_PICTURES, ROW_PRIOR_PICTURES = 4.6, 8.0
 BURST_PICTURES, ROW_FRAME_PICTURES = 4.0, 2.5
+# Longest side of the parts in which a burst predicts frames, px, which bounds the memory for their OTFs.
+LONGEST = 1024
 # Bytes of the rowwise model for each row, strip and px of the kernel: paths, taps and workspaces. Each further frame
 # adds a share of that.
 ROW_MODEL, FRAME_MODEL = 80.0, 0.6

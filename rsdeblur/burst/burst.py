@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
+from rsdeblur.burst.alignment import AlignedBurst, aligned, measured
+from rsdeblur.burst.solution import BurstSolution
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.motion_evidence import MotionEvidence
@@ -24,8 +26,6 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import Capture
-from rsdeblur.pipeline.burst_alignment import AlignedBurst, aligned, measured
-from rsdeblur.pipeline.burst_solution import BurstSolution
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.pipeline.stages import StageClock

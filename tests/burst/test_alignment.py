@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rsdeblur.pipeline import burst_alignment
-from rsdeblur.pipeline.burst_alignment import AlignedBurst, aligned
+from rsdeblur.burst import alignment as burst_alignment
+from rsdeblur.burst.alignment import AlignedBurst, aligned
 from rsdeblur.pipeline.stages import StageClock
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, Exposure, hand_shake
+from rsdeblur.burst.prediction import predicted, rectangles
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.motion import Capture
 from rsdeblur.motion.paths import BlurPaths
-from rsdeblur.pipeline.burst_prediction import predicted, rectangles
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.simulation.scene import scene
 

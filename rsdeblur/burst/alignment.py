@@ -9,13 +9,13 @@ import numpy as np
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share, share_map, thread_count
+from rsdeblur.burst.fit import FrameFit
+from rsdeblur.burst.frames import FIT_TILES, BurstFrame, reduced_bank
 from rsdeblur.choices import Auto
-from rsdeblur.estimate.burst_fit import FrameFit
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.motion.alignment import Alignment
 from rsdeblur.motion.paths import Capture
-from rsdeblur.pipeline.burst_frames import FIT_TILES, BurstFrame, reduced_bank
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import tuned_part

@@ -10,11 +10,11 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from rsdeblur import Camera, Exposure, InputError, deblur, deblur_burst, hand_shake, simulate_clip
+from rsdeblur.burst import BurstResult
 from rsdeblur.estimate import Tuning
 from rsdeblur.estimate.correction import Correction
 from rsdeblur.estimate.refine import Refinement
 from rsdeblur.motion import Capture
-from rsdeblur.pipeline import BurstResult
 from rsdeblur.psf import PsfBank
 from rsdeblur.simulation.scene import scene
 
@@ -201,7 +201,7 @@ def test_rowwise_is_as_good_and_chunks_give_the_same_picture(monkeypatch: pytest
 
 def test_the_default_bound_grows_instead_of_refusing(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = together(reference=0, bands=2).image
-    monkeypatch.setattr("rsdeblur.pipeline.burst_solution.MEMORY", 1)
+    monkeypatch.setattr("rsdeblur.burst.solution.MEMORY", 1)
     # Strengths are the same; tiles end elsewhere.
     assert np.abs(together(reference=0, bands=2).image - expected)[INNER].max() < 0.02
     with pytest.raises(InputError, match="max_memory is 0 MiB, but even 16 rows of 3 frames need"):
@@ -284,8 +284,8 @@ def test_refine_corrects_the_recording_by_the_most_blurred_frames(monkeypatch: p
         nothing = Correction()
         return [Refinement(log, CAMERA, each, None, True, "", nothing, nothing, 0.9, 9.0, 0.1) for each in exposures]
 
-    monkeypatch.setattr("rsdeblur.pipeline.burst.refine", refined)
-    monkeypatch.setattr("rsdeblur.pipeline.burst.REFINED_FRAMES", 2)
+    monkeypatch.setattr("rsdeblur.burst.burst.refine", refined)
+    monkeypatch.setattr("rsdeblur.burst.burst.REFINED_FRAMES", 2)
     result = deblur_burst(images, LOG, wrong, EXPOSURES, prior="wiener", check=False, refine=True)
     assert result.refinement is not None
     assert result.refinement.accepted

@@ -11,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share_map
+from rsdeblur.burst.alignment import AlignedBurst
+from rsdeblur.burst.frames import BurstFrame
+from rsdeblur.burst.prediction import predicted
 from rsdeblur.choices import EXPONENT
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.chroma import Solve
@@ -19,9 +22,6 @@ from rsdeblur.estimate.blur_spectra import KERNELS, BlurSpectra
 from rsdeblur.estimate.check import UndershootMeter
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.motion.paths import BlurPaths
-from rsdeblur.pipeline.burst_alignment import AlignedBurst
-from rsdeblur.pipeline.burst_frames import BurstFrame
-from rsdeblur.pipeline.burst_prediction import predicted
 from rsdeblur.pipeline.memory import least_memory
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import Chunk, PictureSolver, Strengths

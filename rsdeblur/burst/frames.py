@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from rsdeblur.burst.fit import Expected, FrameFit, fit_frame
 from rsdeblur.deconv.wiener import TileBlur
-from rsdeblur.estimate.burst_fit import Expected, FrameFit, fit_frame
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.encoded import EncodedImage

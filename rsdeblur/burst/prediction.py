@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.deconv.wiener import TileBlur
+from rsdeblur.pipeline.memory import LONGEST
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
 
 # Side of the cells that rectangles consist of, px.
 CELL = 64
-# Longest side of a rectangle, px, which bounds the memory for its OTFs.
-LONGEST = 16 * CELL
 # Share of the picture, with what blur brings in from around the rectangles, from which on everything is blurred.
 MOST_SHARE = 0.6
 
