@@ -10,7 +10,7 @@ from typing import Literal, get_args
 Mode = Literal["global", "banded", "rowwise"]
 MODES: tuple[Mode, ...] = get_args(Mode)
 
-Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian", "wavelet", "nlm", "cnn"]
+Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian", "wavelet", "cnn"]
 PRIORS: tuple[Prior, ...] = get_args(Prior)
 
 # Sets mode and prior together, unless they are set themselves.

@@ -23,17 +23,16 @@ import numpy as np
 from rsdeblur._util import validate
 from rsdeblur.deconv.cnn import cnn_denoise
 from rsdeblur.deconv.coupling import TO_PICTURE
-from rsdeblur.deconv.non_local_means import non_local_means
 from rsdeblur.deconv.priors import LEAST_PEAK, QuadraticSolver, brightness
 from rsdeblur.errors import InputError
 from rsdeblur.types import Denoiser, FloatImage
 
 # Denoisers of the package by the name of their prior; called with `threads=`, too.
-DENOISERS: Mapping[str, Callable[..., FloatImage]] = {"nlm": non_local_means, "cnn": cnn_denoise}
+DENOISERS: Mapping[str, Callable[..., FloatImage]] = {"cnn": cnn_denoise}
 # Steps, and the first sigma where the bright parts of the picture have the value 1. Zhang et al. use both.
 STEPS, COARSEST = 8, 49 / 255
-# The weight is this multiple of the variance of the noise, as in Zhang et al. With 0.15 some results of non-local means
-# are 0.3 dB better, and others keep their noise.
+# The weight is this multiple of the variance of the noise, as in Zhang et al. With 0.15 some results are
+# better, and others keep their noise.
 WEIGHT_OF_VARIANCE = 0.23
 # The last sigma is at most this share of the first.
 LEAST_FALL = 0.5

@@ -197,7 +197,6 @@ class DerivativePrior:
         others = {
             "wiener": "rsdeblur.Deconvolver",
             "wavelet": "rsdeblur.estimate.Tuning.wavelet",
-            "nlm": "rsdeblur.deconv.PlugAndPlayPrior",
             "cnn": "rsdeblur.deconv.PlugAndPlayPrior",
         }
         if isinstance(self.kind, str) and self.kind in others:

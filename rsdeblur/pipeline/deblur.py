@@ -93,11 +93,11 @@ def deblur(
     bands, strips : int or "auto"
         Number of tiles along the readout axis and across it; "auto" limits the change of the blur between neighbouring
         tiles. "global" ignores both, "rowwise" ignores `bands`.
-    prior : {"tv", "wiener", "gradient", "hyper-laplacian", "wavelet", "nlm", "cnn"} or callable, optional
+    prior : {"tv", "wiener", "gradient", "hyper-laplacian", "wavelet", "cnn"} or callable, optional
         Regularisation, by default that of `quality`: the Wiener filter, a penalty on derivatives
-        (:mod:`rsdeblur.deconv.priors`), learned sums in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`),
-        non-local means, a small network (:mod:`rsdeblur.deconv.cnn`), or any other denoiser, called as
-        ``denoise(image, sigma)`` (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp
+        (:mod:`rsdeblur.deconv.priors`), learned sums in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`), a small
+        network (:mod:`rsdeblur.deconv.cnn`), or any other denoiser, called as ``denoise(image, sigma)``
+        (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp
         and even areas free of noise; "wiener" takes about a fifth of their time. All but the linear ones, "wiener" and
         "gradient", fade towards the input where light would be below black (:mod:`rsdeblur.image.undershoot`), and
         keep to its colours beside clipped light (:mod:`rsdeblur.image.clipping`).

@@ -16,7 +16,7 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 from rsdeblur import kernels
-from rsdeblur.kernels import native, nlm
+from rsdeblur.kernels import native
 from rsdeblur.kernels.floors import TilePowers
 from rsdeblur.kernels.frame import GATES, WORK
 from rsdeblur.kernels.rowwise import LANES, RowModel
@@ -179,7 +179,6 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "to_spline": lambda h: [h(6, 7, 3)],
     "sample": lambda h: [h(6, 7, 3), h(5, 8), h(5, 8)],
     "combine": lambda h: [h(2, 37, 40), h(2, 4, 3), h(2), h(2, 4, 3, 3), GATES, h(WORK + 2, 37, 40), h(5, 8)],
-    "average_alike": lambda h: [h(2, 21, 22), h.number(), h.number(), h(nlm.WORK, 10), h(3, 5, 6)],
     "cut_block": lambda h: [h(5, 6, 3), np.array([1, 0, 4]), np.array([5, 0]), h(3, 3), h(3, 3, 2)],
     "row_directions": lambda h: [h(5, 3, dtype=np.float64), h(5, dtype=np.float64), h(8, 12, dtype=np.float64)],
     "pinhole_paths": lambda h: [

@@ -131,9 +131,9 @@ def test_quality_sets_mode_and_prior_unless_they_are_set(quality: Quality) -> No
         chosen = replace(Options(quality=first), quality=quality)
         assert (chosen.mode_in_effect, chosen.prior_in_effect) == QUALITIES[quality]
         assert chosen == Options(quality=quality)
-    mode, prior = replace(Options(mode="global"), quality=quality), replace(Options(prior="nlm"), quality=quality)
+    mode, prior = replace(Options(mode="global"), quality=quality), replace(Options(prior="tv"), quality=quality)
     assert (mode.mode_in_effect, mode.prior_in_effect) == ("global", QUALITIES[quality][1])
-    assert (prior.mode_in_effect, prior.prior_in_effect) == (QUALITIES[quality][0], "nlm")
+    assert (prior.mode_in_effect, prior.prior_in_effect) == (QUALITIES[quality][0], "tv")
 
 
 def test_quality_is_the_same_in_python_and_on_the_command_line() -> None:
