@@ -12,6 +12,10 @@ MODES: tuple[Mode, ...] = get_args(Mode)
 
 Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian", "wavelet", "cnn"]
 PRIORS: tuple[Prior, ...] = get_args(Prior)
+# Penalties on derivatives.
+DERIVATIVE_PRIORS: tuple[Prior, ...] = ("gradient", "tv", "hyper-laplacian")
+# Module and function of the denoisers; another one needs its file, its name above and a row here.
+DENOISERS: dict[str, tuple[str, str]] = {"cnn": ("rsdeblur.deconv.cnn", "cnn_denoise")}
 
 # Sets mode and prior together, unless they are set themselves.
 Quality = Literal["fast", "balanced", "best"]

@@ -15,20 +15,20 @@ The second step is the removal of white noise of the standard deviation sigma fr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from importlib import import_module
 
 import numpy as np
 
 from rsdeblur._util import validate
-from rsdeblur.deconv.cnn import cnn_denoise
+from rsdeblur.choices import DENOISERS
 from rsdeblur.deconv.coupling import TO_PICTURE
 from rsdeblur.deconv.priors import LEAST_PEAK, QuadraticSolver, brightness
 from rsdeblur.errors import InputError
 from rsdeblur.types import Denoiser, FloatImage
 
-# Denoisers of the package by the name of their prior; called with `threads=`, too.
-DENOISERS: Mapping[str, Callable[..., FloatImage]] = {"cnn": cnn_denoise}
 # Steps, and the first sigma where the bright parts of the picture have the value 1. Zhang et al. use both.
 STEPS, COARSEST = 8, 49 / 255
 # The weight is this multiple of the variance of the noise, as in Zhang et al. With 0.15 some results are
@@ -133,3 +133,9 @@ class PlugAndPlayPrior:
             )
         # A copy, because the solver overwrites it and the denoiser may keep its own.
         return np.array(denoised, dtype=np.float32, order="C").reshape(latent.shape)
+
+
+def named_denoiser(prior: str, threads: int | None) -> Denoiser:
+    """Return a denoiser of the package by the name of its prior, with its number of threads."""
+    module, function = DENOISERS[prior]
+    return partial(getattr(import_module(module), function), threads=threads)

@@ -31,7 +31,7 @@ from numpy.polynomial import chebyshev
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share, thread_count
-from rsdeblur.choices import EXPONENT, PRIORS, Prior
+from rsdeblur.choices import DERIVATIVE_PRIORS, EXPONENT, Prior
 from rsdeblur.deconv.coupling import TO_DERIVATIVES, TO_GRADIENT, Coupling
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.extrapolate import extrapolate
@@ -194,14 +194,7 @@ class DerivativePrior:
     peak: float | None = None
 
     def __post_init__(self) -> None:
-        others = {
-            "wiener": "rsdeblur.Deconvolver",
-            "wavelet": "rsdeblur.estimate.Tuning.wavelet",
-            "cnn": "rsdeblur.deconv.PlugAndPlayPrior",
-        }
-        if isinstance(self.kind, str) and self.kind in others:
-            raise InputError(f'kind "{self.kind}" is not a prior on derivatives: use {others[self.kind]}')
-        validate.choice("kind", self.kind, set(PRIORS) - set(others))
+        validate.choice("kind", self.kind, DERIVATIVE_PRIORS)
         object.__setattr__(self, "weight", validate.strength("weight", self.weight))
         object.__setattr__(self, "exponent", validate.exponent(self.exponent))
         if self.peak is not None:

@@ -93,14 +93,15 @@ def deblur(
     bands, strips : int or "auto"
         Number of tiles along the readout axis and across it; "auto" limits the change of the blur between neighbouring
         tiles. "global" ignores both, "rowwise" ignores `bands`.
-    prior : {"tv", "wiener", "gradient", "hyper-laplacian", "wavelet", "cnn"} or callable, optional
-        Regularisation, by default that of `quality`: the Wiener filter, a penalty on derivatives
-        (:mod:`rsdeblur.deconv.priors`), learned sums in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`), a small
-        network (:mod:`rsdeblur.deconv.cnn`), or any other denoiser, called as ``denoise(image, sigma)``
-        (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp
-        and even areas free of noise; "wiener" takes about a fifth of their time. All but the linear ones, "wiener" and
-        "gradient", fade towards the input where light would be below black (:mod:`rsdeblur.image.undershoot`), and
-        keep to its colours beside clipped light (:mod:`rsdeblur.image.clipping`).
+    prior : str or callable, optional
+        Regularisation, by default that of `quality`; `rsdeblur.choices.PRIORS` lists all names. "wiener" is the Wiener
+        filter; "gradient", "tv" and "hyper-laplacian" are penalties on derivatives (:mod:`rsdeblur.deconv.priors`);
+        "wavelet" are learned sums in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`); "cnn" is a small network
+        (:mod:`rsdeblur.deconv.cnn`). Any other denoiser is called as ``denoise(image, sigma)``
+        (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp and even areas free of
+        noise; "wiener" takes about a fifth of their time. All but the linear ones, "wiener" and "gradient", fade
+        towards the input where light would be below black (:mod:`rsdeblur.image.undershoot`), and keep to its colours
+        beside clipped light (:mod:`rsdeblur.image.clipping`).
     weight : float or "auto"
         Weight of the prior, from 1e-20 to 1e20: a larger weight gives a smoother picture. "auto" derives it from the
         picture's noise and the blur (:mod:`rsdeblur.estimate.strength`).

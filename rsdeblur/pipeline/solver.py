@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Protocol
 
-from rsdeblur.choices import Chroma
+from rsdeblur.choices import DENOISERS, Chroma
 from rsdeblur.deconv.boundary import extended, extended_shape
 from rsdeblur.deconv.chroma import HalfChroma, Solve, half_shape, halved, luma_share, suits_half
-from rsdeblur.deconv.plug_and_play import DENOISERS, PlugAndPlayPrior
+from rsdeblur.deconv.plug_and_play import PlugAndPlayPrior, named_denoiser
 from rsdeblur.deconv.priors import DerivativePrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.deconv.rowwise import RowDeconvolver
@@ -135,7 +134,7 @@ class PictureSolver:
         if callable(prior):
             return PlugAndPlayPrior(prior, weight, strengths.peak)
         if prior in DENOISERS:
-            return PlugAndPlayPrior(partial(DENOISERS[prior], threads=threads), weight, strengths.peak)
+            return PlugAndPlayPrior(named_denoiser(prior, threads), weight, strengths.peak)
         if strengths.wavelet is not None:
             return strengths.wavelet
         return DerivativePrior(prior, weight, self.options.exponent, strengths.peak)

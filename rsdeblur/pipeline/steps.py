@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.deconv.plug_and_play import DENOISERS, WEIGHT_OF_VARIANCE
+from rsdeblur.choices import DENOISERS
+from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
 from rsdeblur.estimate.motion_evidence import MotionEvidence

@@ -249,7 +249,7 @@ def test_gradients_that_all_vanish_stop_nothing() -> None:
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"prior": "wiener"}, "use rsdeblur.Deconvolver"),
+        ({"prior": "wiener"}, "kind must be one of"),
         ({"prior": "lasso"}, "kind must be one of gradient, hyper-laplacian, tv; got 'lasso'"),
         ({"weight": 0.0}, "weight must be greater than 0"),
         ({"exponent": 0.0}, "exponent must be greater than 0"),
