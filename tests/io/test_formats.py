@@ -320,11 +320,11 @@ class TestGyroflowProject:
         ("raw", "message"),
         [
             ({}, "was saved without gyro data; give the file they come from: video.mp4"),
-            ({"raw_imu": "AAAA"}, "are damaged"),
-            ({"raw_imu": "é"}, "are damaged"),
-            ({"raw_imu": [[0.0, 1.0]]}, "are damaged"),
-            ({"raw_imu": [{"timestamp_ms": 0.0, "gyro": [1.0, 2.0]}]}, "are damaged"),
-            ({"raw_imu": [[0.0, 1.0, 2.0, float("nan")]]}, "are damaged"),
+            ({"raw_imu": "AAAA"}, "damaged"),
+            ({"raw_imu": "é"}, "damaged"),
+            ({"raw_imu": [[0.0, 1.0]]}, "damaged"),
+            ({"raw_imu": [{"timestamp_ms": 0.0, "gyro": [1.0, 2.0]}]}, "damaged"),
+            ({"raw_imu": [[0.0, 1.0, 2.0, float("nan")]]}, "damaged"),
         ],
     )
     def test_faults(self, write: Write, raw: dict[str, Any], message: str) -> None:

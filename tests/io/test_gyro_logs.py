@@ -11,7 +11,8 @@ import pytest
 
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io import detect_gyro_format, read_gyro
-from rsdeblur.io.gyro_logs import FORMATS
+from rsdeblur.io.gyro_logs import formats
+from rsdeblur.io.samples import GYRO
 from rsdeblur.motion.axes import imu_to_camera
 
 # A timestamp that float64 cannot represent: its neighbours there are 256 ns apart.
@@ -389,7 +390,7 @@ def test_unknown_format_name_lists_the_known_ones(write: Write) -> None:
         read_gyro(write(table()), format="eurok")
 
 
-@pytest.mark.parametrize("name", [each.name for each in FORMATS])
+@pytest.mark.parametrize("name", [each.name for each in formats(GYRO)])
 def test_a_forced_format_that_does_not_fit_is_refused(write: Write, name: str) -> None:
     with pytest.raises(FileFormatError, match=r"log\.csv"):
         read_gyro(write("no,gyro\nlog,at\nall,either\n"), format=name)
