@@ -50,7 +50,8 @@ def trailer_of(source: Source) -> Trailer | None:
     end = source.tail(16384)
     if len(end) < 16384 or not end.startswith(b"GYRODATA\0"):
         return None
-    return Trailer(*struct.unpack_from("<16xqIIq", end), end[40:])
+    capture, total, oldest, command = struct.unpack_from("<16xqIIq", end)
+    return Trailer(capture, total, oldest, command, end[40:])
 
 
 def _read_trailer(source: Source) -> Samples:

@@ -30,7 +30,8 @@ from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur._util.threads import held_at_forks
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io import _heif, _raw, _tiff, untrusted
-from rsdeblur.io._metadata import Picture, fitting_profile, of_image
+from rsdeblur.io._metadata import Picture as Picture
+from rsdeblur.io._metadata import fitting_profile, of_image
 from rsdeblur.io.source import Source, mistaken
 
 # The largest phone sensors have 200 megapixels, the largest stitched camera files 400.

@@ -145,22 +145,22 @@ def finish(
         log = sensor.make(t, values, epoch)
     except InputError as reason:
         raise samples.error_at(str(reason), 0) if len(t) < 2 else error(str(reason)) from reason
-    cautions = [f"accelerometer: {repair}" for repair in repairs]
-    if isinstance(log, GyroLog):
-        cautions = [*samples.cautions, *repairs, *_doubts_of_rate(log, samples)]
-    for caution in cautions:
-        warnings.warn(str(error(caution)), RsdeblurWarning, stacklevel=4)
+    of_force = [f"accelerometer: {repair}" for repair in repairs]
+    for caution in _cautions(log.rate, samples, repairs) if sensor.values == "rates" else of_force:
+        warnings.warn(str(error(caution)), RsdeblurWarning, stacklevel=3)
     return log
 
 
-def _doubts_of_rate(log: GyroLog, samples: Samples) -> list[str]:
-    """Return a sentence if the timestamps are probably in another unit than the file names."""
+def _cautions(rate: float, samples: Samples, repairs: list[str]) -> list[str]:
+    """Return reasons to distrust a gyro log."""
+    found = [*samples.cautions, *repairs]
     # Gyros sample at 20 Hz to 8 kHz; beyond these bounds timestamps are rather in another unit, by a factor of 1000.
-    if 5.0 <= log.rate <= 50_000.0:
-        return []
+    if 5.0 <= rate <= 50_000.0:
+        return found
     return [
-        f"the timestamps in {samples.time_unit} mean a sampling rate of {log.rate:.3g} Hz, but a gyro's is 20 to 8000 "
-        "Hz; is the unit of time right?"
+        *found,
+        f"the timestamps in {samples.time_unit} mean a sampling rate of {rate:.3g} Hz, but a gyro's is 20 to 8000 "
+        "Hz; is the unit of time right?",
     ]
 
 
