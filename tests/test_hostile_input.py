@@ -157,11 +157,6 @@ class TestPlaces:
         path.write_bytes(b"nothing")
         refusal(read_gyro, path)
 
-    def test_link_to_a_file(self, tmp_path: Path) -> None:
-        (tmp_path / "log.csv").write_bytes(seeds.GYRO_TABLES["plain"][0])
-        (tmp_path / "link").symlink_to("log.csv")
-        assert len(read_gyro(tmp_path / "link")) == len(seeds.RATES)
-
 
 class TestText:
     @pytest.mark.parametrize("mark", ["[", "(", " ", "1", "[]", "a,", "1e", "\t"])
@@ -175,11 +170,6 @@ class TestText:
     def test_many_blank_lines_take_no_long_time(self, tmp_path: Path) -> None:
         (tmp_path / "camera").write_text("a: 1" + "\n" * 100_000)
         refusal(open_camera, tmp_path / "camera")
-
-    def test_rates_that_overflow(self, tmp_path: Path) -> None:
-        path = tmp_path / "log.csv"
-        path.write_text("0,1,2,3\n0.01,1,2,1e200\n0.02,1,2,3\n")
-        assert "line 2: impossible rates" in refusal(open_gyro, path)
 
     @pytest.mark.parametrize("time", ["1e300", "9.3e12", "-9.3e12"])
     def test_timestamps_of_projects_beyond_int64(self, tmp_path: Path, time: str) -> None:
@@ -239,27 +229,23 @@ class TestYaml:
 
     CAMERA = "cam0: {camera_model: pinhole, intrinsics: %s, resolution: [640, 480], distortion_model: none}\n"
 
-    @pytest.mark.parametrize("levels", [12, 60])
-    def test_billion_laughs(self, tmp_path: Path, levels: int) -> None:
+    @pytest.mark.parametrize(
+        ("first", "next_one", "levels"),
+        [
+            ("[1, 2, 3, 4]", "[{}]", 12),
+            ("[1, 2, 3, 4]", "[{}]", 60),
+            ("{k: 1}", "{{<<: [{}]}}", 12),
+            ("[*a0]", "[{}]", 0),
+        ],
+        ids=["lists", "more lists", "merged", "holds itself"],
+    )
+    def test_billion_laughs(self, tmp_path: Path, first: str, next_one: str, levels: int) -> None:
         path = tmp_path / "camera.yaml"
-        laughs = "a0: &a0 [1, 2, 3, 4]\n" + "".join(
-            f"a{i + 1}: &a{i + 1} [{', '.join([f'*a{i}'] * 9)}]\n" for i in range(levels)
-        )
-        path.write_text(laughs + self.CAMERA % f"*a{levels}")
-        assert "contains more than 10000 values" in refusal(open_camera, path)
-
-    def test_merged_laughs(self, tmp_path: Path) -> None:
-        path = tmp_path / "camera.yaml"
-        laughs = "a0: &a0 {k: 1}\n" + "".join(
-            f"a{i + 1}: &a{i + 1} {{<<: [{', '.join([f'*a{i}'] * 9)}]}}\n" for i in range(12)
+        laughs = f"a0: &a0 {first}\n" + "".join(
+            f"a{i + 1}: &a{i + 1} {next_one.format(', '.join([f'*a{i}'] * 9))}\n" for i in range(levels)
         )
         path.write_text(laughs + self.CAMERA % "[1, 2, 3, 4]")
-        assert "contains more than 10000 values" in refusal(open_camera, path)
-
-    def test_what_holds_itself(self, tmp_path: Path) -> None:
-        path = tmp_path / "camera.yaml"
-        path.write_text(self.CAMERA % "&a [*a, 1, 2, 3]")
-        assert "contains more than 10000 values" in refusal(open_camera, path)
+        assert "more than 10000 values" in refusal(open_camera, path)
 
     def test_an_alias_is_read(self, tmp_path: Path) -> None:
         path = tmp_path / "camera.yaml"
@@ -336,11 +322,6 @@ class TestBombs:
         path.write_bytes(data)
         assert "claims 20000x20000 pixels" in refusal(read_picture, path)
 
-    def test_even_pictures_are_no_bombs(self, tmp_path: Path) -> None:
-        for name in ("a.png", "a.webp", "a.tif", "a.jpg"):
-            write_picture(tmp_path / name, np.zeros((1200, 1600), np.uint8))
-            assert read_picture(tmp_path / name).pixels.shape[:2] == (1200, 1600)
-
     @pytest.mark.parametrize(("scans", "allowed"), [(90, True), (100, False), (20_000, False)])
     def test_jpeg_of_many_scans(self, tmp_path: Path, scans: int, allowed: bool) -> None:
         # Scans take 50 bytes each: with them, decoding 64 megapixels from a file of 1 MB would take minutes.
@@ -413,23 +394,6 @@ class TestBombs:
 
 
 class TestDamagedPictures:
-    def test_tiff_without_pixels(self, tmp_path: Path) -> None:
-        path = tmp_path / "a.tif"
-        tifffile.imwrite(path, np.zeros((3, 2), np.uint8))
-        data = bytearray(path.read_bytes())
-        set_tag(data, 257, 0)
-        path.write_bytes(data)
-        refusal(read_picture, path)
-
-    def test_png_without_its_palette(self, tmp_path: Path) -> None:
-        path = tmp_path / "a.png"
-        Image.new("P", (4, 4)).save(path)
-        data = path.read_bytes()
-        start = data.index(b"PLTE") - 4
-        length = struct.unpack(">I", data[start : start + 4])[0]
-        path.write_bytes(data[:start] + data[start + 12 + length :])
-        assert "truncated or damaged" in refusal(read_picture, path)
-
     def test_a_damaged_block_does_not_cost_the_picture(self, tmp_path: Path) -> None:
         # An invalid date. A TIFF is written from the entries of the block; one bad entry must not prevent that.
         exif = bytearray(seeds.exif())

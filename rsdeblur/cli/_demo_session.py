@@ -103,19 +103,18 @@ def write(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: b
 def _exif(exposure: Exposure) -> bytes:
     """Return the EXIF block of a camera app."""
     from PIL import Image
-
-    from rsdeblur.io import exif
+    from PIL.ExifTags import IFD, Base
 
     taken = datetime.fromtimestamp(exposure.epoch_ns * 1e-9 + LATE, UTC)
     block = Image.Exif()
-    block[exif.MODEL] = "rsdeblur demo"
-    block.get_ifd(exif.CAMERA_IFD).update(
+    block[Base.Model] = "rsdeblur demo"
+    block.get_ifd(IFD.Exif).update(
         {
-            exif.DATE_TIME: f"{taken:%Y:%m:%d %H:%M:%S}",
-            exif.SUBSECONDS: f"{taken.microsecond // 1000:03}",
-            exif.OFFSET: "+00:00",
-            exif.EXPOSURE_TIME: exposure.duration,
-            exif.FOCAL_LENGTH_35: FOCAL35,
+            Base.DateTimeOriginal: f"{taken:%Y:%m:%d %H:%M:%S}",
+            Base.SubsecTimeOriginal: f"{taken.microsecond // 1000:03}",
+            Base.OffsetTimeOriginal: "+00:00",
+            Base.ExposureTime: exposure.duration,
+            Base.FocalLengthIn35mmFilm: FOCAL35,
         }
     )
     return block.tobytes()

@@ -155,8 +155,7 @@ def _session(folder: Path, defaults: Defaults, output: Path, numbered_from: int 
 
 
 def _manifest(path: Path, defaults: Defaults) -> Iterator[Item]:
-    from rsdeblur.io.kinds import mistaken
-    from rsdeblur.io.source import Source
+    from rsdeblur.io.source import Source, mistaken
 
     try:
         text = read_file(path, "manifest").decode("utf-8-sig")

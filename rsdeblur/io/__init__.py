@@ -1,21 +1,24 @@
-"""Files: gyro logs (`gyro_logs`), captures (`captures`), cameras (`cameras`) and pictures (`pictures`).
+"""Files: logs (`gyro_logs`), captures (`captures`), cameras (`cameras`) and pictures (`pictures`).
 
-`source` opens a file and finds its format, and `text` reads numbers and names a line that cannot be read. The readers
-of gyro logs are grouped by family: `gyro_tables` (text), `gyroflow`, `gyro_binary` (pictures and videos) and
-`archives`; `columns` finds the columns of tables, and `samples` makes a log from what they return. `accelerations`
-reads accelerometers from the same files, `trajectories` reads poses that other programs found, and `arrays` PSFs and
-maps of depths. `picture_output` writes pictures. `kinds` names the kind of a file that is given in place of another
-one.
+All are read in one way. `source` opens a file and finds its format; the format parses it, with `text`, which reads
+numbers and names a line that cannot be read, and `columns`, which finds the columns of tables; and one function per
+kind finishes what was parsed, such as `samples.finish` for logs. The formats of logs are grouped by family:
+`gyro_tables` (text), `gyroflow`, `gyro_binary` (pictures and videos) and `archives`. `trajectories` reads poses that
+other programs found, `arrays` PSFs and maps of depths; `picture_output` writes pictures.
 """
 
-from rsdeblur.io.accelerations import read_acceleration
+from rsdeblur.io import cameras, captures, gyro_logs, trajectories
+from rsdeblur.io.archives import is_archive
 from rsdeblur.io.arrays import read_depths
 from rsdeblur.io.cameras import open_camera, read_camera
 from rsdeblur.io.captures import read_captures
 from rsdeblur.io.clocks import Clocks, read_clocks
-from rsdeblur.io.gyro_logs import detect_gyro_format, open_gyro, read_gyro
+from rsdeblur.io.gyro_binary import is_video
+from rsdeblur.io.gyro_logs import detect_gyro_format, open_gyro, read_acceleration, read_gyro
 from rsdeblur.io.picture_output import check_writable, write_picture
-from rsdeblur.io.pictures import Picture, read_picture
+from rsdeblur.io.pictures import Picture, is_picture, read_picture
+from rsdeblur.io.samples import GYRO
+from rsdeblur.io.source import KINDS, Format, Kind
 from rsdeblur.io.trajectories import read_trajectory
 
 __all__ = [
@@ -34,4 +37,32 @@ __all__ = [
     "read_picture",
     "read_trajectory",
     "write_picture",
+]
+
+# The first kind that fits is reported: a .gcsv log is a gyro log rather than a camera, MARS logger's metadata are
+# captures rather than a camera.
+KINDS += [
+    Kind("picture", "give it as the photo", [Format("picture", "picture", is_picture, read_picture)]),
+    Kind(
+        "video",
+        "give it to rsdeblur video",
+        [Format("video", "video", lambda source: is_video(source) and not source.looks_like_text, open_gyro)],
+    ),
+    Kind(
+        "gyro log",
+        "give it as --gyro",
+        [
+            *gyro_logs.formats(GYRO),
+            # Raises `FileFormatError`, which means no, if the archive has no log.
+            Format(
+                "zip",
+                "zip archive",
+                lambda source: is_archive(source) and bool(detect_gyro_format(source.path)),
+                open_gyro,
+            ),
+        ],
+    ),
+    Kind("capture file", "give it as --capture", captures.FORMATS),
+    Kind("camera file", "give it as --camera", cameras.FORMATS),
+    Kind("trajectory", "give it as --translation", trajectories.FORMATS),
 ]

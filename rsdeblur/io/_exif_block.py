@@ -13,19 +13,17 @@ from fractions import Fraction
 from io import BytesIO
 from typing import BinaryIO, Literal
 
+from PIL.ExifTags import IFD, Base
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 PREFIX = b"Exif\0\0"
 HEADS = (b"II*\0", b"MM\0*")
 LITTLE = b"II*\0\x08\0\0\0"
-EXIF_TABLE, GPS_TABLE, INTEROP_TABLE = 34665, 34853, 40965
+EXIF_TABLE, GPS_TABLE, INTEROP_TABLE = IFD.Exif, IFD.GPSInfo, IFD.Interop
 # Tables that a table points to, by their tags; none is deeper.
-TABLES = {EXIF_TABLE: (INTEROP_TABLE,), GPS_TABLE: (), INTEROP_TABLE: ()}
+TABLES: dict[int, tuple[int, ...]] = {EXIF_TABLE: (INTEROP_TABLE,), GPS_TABLE: (), INTEROP_TABLE: ()}
 
-ORIENTATION = 274
-WIDTH, HEIGHT, EXIF_WIDTH, EXIF_HEIGHT = 256, 257, 0xA002, 0xA003
-# Pixels per unit of length on the sensor.
-PLANE_X, PLANE_Y = 0xA20E, 0xA20F
+ORIENTATION = Base.Orientation
 # Place and length of a thumbnail: a JPEG, or plain samples.
 THUMBNAILS = ((513, 514), (273, 279))
 ASCII, SHORT, LONG = 2, 3, 4
@@ -71,25 +69,21 @@ class _Directory:
 
 
 def renewed(exif: bytes, width: int, height: int, draw: Callable[[int], bytes | None]) -> bytes:
-    """Return the EXIF block for a new picture of that size; a damaged block is returned as it is.
+    """Return an EXIF block for a picture of this size in px, with the thumbnail that `draw` returns.
 
-    Parameters
-    ----------
-    exif : bytes
-        The block.
-    width, height : int
-        Size of the picture in px.
-    draw : callable
-        Returns a JPEG thumbnail of at most so many bytes, or None if there is none: then the old one is removed.
+    `draw` gets the most bytes of a JPEG. Where it returns None, the old thumbnail is removed.
     """
     prefix, data = exif[: len(exif) - len(exif.removeprefix(PREFIX))], bytearray(exif.removeprefix(PREFIX))
     try:
         main = _Directory(data)
-        main.set(WIDTH, LONG, width)
-        main.set(HEIGHT, LONG, height)
+        main.set(Base.ImageWidth, LONG, width)
+        main.set(Base.ImageLength, LONG, height)
         if table := main.number(EXIF_TABLE):
             camera = _Directory(data, table)
-            for tag, plane, side in ((EXIF_WIDTH, PLANE_X, width), (EXIF_HEIGHT, PLANE_Y, height)):
+            for tag, plane, side in (
+                (Base.ExifImageWidth, Base.FocalPlaneXResolution, width),
+                (Base.ExifImageHeight, Base.FocalPlaneYResolution, height),
+            ):
                 if (before := camera.number(tag)) not in (0, side):
                     camera.scale(plane, Fraction(side, before))
                 camera.set(tag, LONG, side)
@@ -177,20 +171,7 @@ def of_block(exif: bytes, wanted: Collection[int] | None = None) -> Table:
 
 
 def read(file: BinaryIO, wanted: Collection[int] | None = None) -> Table:
-    """Return the first directory of a classic TIFF file.
-
-    Parameters
-    ----------
-    file : file
-        The file.
-    wanted : collection of int, optional
-        Tags of the first directory to return; all by default.
-
-    Raises
-    ------
-    ValueError
-        If the file does not begin like TIFF.
-    """
+    """Return the first directory of a classic TIFF file, or only the `wanted` tags of it; ValueError if it is none."""
     file.seek(0)
     head = file.read(8)
     if head[:4] not in HEADS or len(head) < 8:

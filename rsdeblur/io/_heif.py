@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import struct
 from io import BytesIO
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rsdeblur._util.extras import missing
 from rsdeblur.io._exif_block import with_orientation
-from rsdeblur.io._metadata import Metadata, of_heif
+from rsdeblur.io._metadata import Picture, of_heif
 
 # Brands of HEIC; those of AVIF, which is not read, begin files of the same kind.
 BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 AVIF_BRANDS = (b"avif", b"avis")
-# EXIF orientation for 0, 1, 2 and 3 quarter turns anticlockwise.
-ORIENTATION_OF_TURNS = (1, 8, 3, 6)
 
 
 class MissingPackage(RuntimeError):
@@ -29,8 +25,8 @@ def is_heif(head: bytes) -> bool:
     return head[4:8] == b"ftyp" and head[8:12] in BRANDS
 
 
-def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
-    """Return the primary picture: pixels in the sensor's axes, and metadata."""
+def decode(data: bytes, max_pixels: int) -> Picture:
+    """Return the primary picture, in the sensor's axes."""
     try:
         import pillow_heif
     except ModuleNotFoundError:
@@ -45,9 +41,9 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
         pixels |= pixels >> np.uint16(file.info["bit_depth"])
     turns = _quarter_turns(data)
     pixels = np.ascontiguousarray(np.rot90(pixels, -turns))
-    # In a HEIC file the block's own orientation does not count.
-    exif = with_orientation(file.info.get("exif"), ORIENTATION_OF_TURNS[turns])
-    return pixels, of_heif(file.info, exif, data)
+    # In a HEIC file the block's own orientation does not count, but 0, 1, 2 and 3 quarter turns anticlockwise.
+    exif = with_orientation(file.info.get("exif"), (1, 8, 3, 6)[turns])
+    return of_heif(file.info, exif, data, pixels)
 
 
 def _quarter_turns(data: bytes) -> int:

@@ -1,18 +1,20 @@
-"""Metadata of pictures: found in files of each format, and renewed for a result."""
+"""Pictures with their metadata, which are found in files of each format, and renewed for a result."""
 
 from __future__ import annotations
 
 import re
+import struct
 import warnings
 from dataclasses import dataclass, replace
 from io import BytesIO
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
+from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import _exif_block
 from rsdeblur.io._exif_block import PREFIX
@@ -39,41 +41,90 @@ OTHER_TEXTS = (
     *(b"/photos/1.0/container/", b"/photos/1.0/depthmap/", b"/photos/1.0/image/", b"/photos/1.0/audio/"),
     *(b"/photos/dd/1.0/device/", b"HasExtendedXMP", b"xmp:Thumbnails", b"dcterms:provenance"),
 )
-# The longest EXIF block, XMP packet and IPTC record of a JPEG.
-JPEG_MOST = {"exif": 65_533, "xmp": 65_502, "iptc": 65_500}
-NAMES = {"exif": "the EXIF block", "xmp": "the XMP packet", "iptc": "the IPTC record"}
+# Blocks of metadata: the name for messages, and the length of the longest in a JPEG.
+BLOCKS = {"exif": ("the EXIF block", 65_533), "xmp": ("the XMP packet", 65_502), "iptc": ("the IPTC record", 65_500)}
 PNG_IPTC = "Raw profile type iptc"
 
-# Most bytes of a tag that is read.
-LARGEST_TAG = 2**24
-# px: the size of a thumbnail that EXIF recommends; and its qualities as a JPEG: some 6 kB, and less for a small place.
-THUMBNAIL = 160, 160
-QUALITIES = 80, 50, 20
 # Most bytes of samples in a classic TIFF: its offsets have 32 bits, and its tags need room too.
 CLASSIC_BYTES = 2**32 - 2**24
 
 
-@dataclass(frozen=True, slots=True)
-class Metadata:
-    """Metadata of a picture.
+@one_line()
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    r"""A picture as stored in a file.
 
     Parameters
     ----------
-    exif, icc_profile, xmp, iptc : bytes, optional
-        EXIF block, colour profile, XMP packet, IPTC record.
-    losses : tuple of str
-        Parts of the file that no copy can keep, in words.
+    pixels : ndarray, shape (H, W) or (H, W, C)
+        Samples: uint8 or uint16 of full range, or float32. C is 2 for grey and alpha, 3 for RGB, 4 for RGB and alpha.
+    exif : bytes, optional
+        The EXIF block, from its ``Exif\0\0`` prefix on.
+    icc_profile : bytes, optional
+        The colour profile.
+    linear : bool, optional
+        Whether the values are proportional to light. By default true for floats and for pictures with the colour
+        profile that raw files get here.
+    xmp : bytes, optional
+        The XMP packet.
+    iptc : bytes, optional
+        The IPTC record.
+    losses : tuple of str, optional
+        Parts of the file that a copy cannot keep, in words, such as gain maps and C2PA manifests.
+    modified_ns : int, optional
+        Time of the file's last change, in ns since 1970.
     """
 
+    pixels: NDArray[Any]
     exif: bytes | None = None
     icc_profile: bytes | None = None
+    linear: bool | None = None
     xmp: bytes | None = None
     iptc: bytes | None = None
     losses: tuple[str, ...] = ()
+    modified_ns: int | None = None
+
+    @property
+    def transfer(self) -> Literal["srgb", "linear"]:
+        """How the values encode light."""
+        linear = self.linear
+        if linear is None:
+            linear = self.pixels.dtype.kind == "f" or self.icc_profile == linear_profile()
+        return "linear" if linear else "srgb"
 
 
-def of_image(image: Image.Image, data: bytes) -> Metadata:
-    """Return the metadata of a JPEG, PNG or WebP file, which Pillow has loaded."""
+def linear_profile() -> bytes:
+    """Return an ICC profile (version 2.1) with sRGB's primaries and linear values."""
+
+    def fixed(*numbers: float) -> bytes:
+        return b"XYZ \0\0\0\0" + b"".join(struct.pack(">i", round(number * 65536)) for number in numbers)
+
+    name = b"linear sRGB"
+    description = b"desc\0\0\0\0" + struct.pack(">I", len(name) + 1) + name + b"\0" * 79
+    # Primaries adapted to D50 (Bradford), as in the profiles of sRGB; an empty curve is the identity.
+    tags = {
+        b"desc": description,
+        b"cprt": b"text\0\0\0\0public domain\0",
+        b"wtpt": fixed(0.9642, 1.0, 0.8249),
+        b"rXYZ": fixed(0.43607, 0.22249, 0.01392),
+        b"gXYZ": fixed(0.38515, 0.71687, 0.09708),
+        b"bXYZ": fixed(0.14307, 0.06061, 0.71410),
+        **dict.fromkeys((b"rTRC", b"gTRC", b"bTRC"), b"curv\0\0\0\0" + struct.pack(">I", 0)),
+    }
+    table, body = struct.pack(">I", len(tags)), b""
+    start = 128 + 4 + 12 * len(tags)
+    for key, value in tags.items():
+        table += key + struct.pack(">II", start + len(body), len(value))
+        body += value + b"\0" * (-len(value) % 4)
+    size = start + len(body)
+    header = struct.pack(">I4sI", size, b"\0" * 4, 0x02100000) + b"mntrRGB XYZ "
+    header = header.ljust(36, b"\0") + b"acsp"
+    header = header.ljust(68, b"\0") + struct.pack(">3i", *(round(v * 65536) for v in (0.9642, 1.0, 0.8249)))
+    return header.ljust(128, b"\0") + table + body
+
+
+def of_image(image: Image.Image, data: bytes, pixels: NDArray[Any]) -> Picture:
+    """Return a picture with the metadata of a JPEG, PNG or WebP file, which Pillow has loaded."""
     exif, xmp, resources = image.info.get("exif"), image.info.get("xmp"), image.info.get("photoshop", {})
     if exif and not exif.startswith(PREFIX):
         exif = PREFIX + exif
@@ -88,19 +139,20 @@ def of_image(image: Image.Image, data: bytes) -> Metadata:
         MOTION: _describes(xmp, MOTION_TEXTS),
         EXTENDED: any(body.startswith(b"http://ns.adobe.com/xmp/extension/\0") for _, body in segments),
     }
-    losses = tuple(text for text, is_there in found.items() if is_there)
-    return Metadata(exif or None, image.info.get("icc_profile"), _as_bytes(xmp), iptc or None, losses)
+    return Picture(
+        pixels, exif or None, image.info.get("icc_profile"), None, _as_bytes(xmp), iptc or None, _true(found)
+    )
 
 
-def of_tiff(page: tifffile.TiffPage, exif: bytes | None = None, loss: str = "") -> Metadata:
-    """Return the metadata of a TIFF file's first page, whose EXIF block lost something."""
+def of_tiff(page: tifffile.TiffPage, pixels: NDArray[Any], exif: bytes | None, loss: str) -> Picture:
+    """Return a picture with the metadata of a TIFF file's first page, whose EXIF block lost something."""
     xmp, iptc = (_tag_bytes(page, tag) for tag in (XMP_TAG, IPTC_TAG))
-    found = {C2PA: C2PA_TAG in page.tags, loss: bool(loss)}
-    return Metadata(exif, page.iccprofile, xmp, iptc, tuple(text for text, is_there in found.items() if is_there))
+    losses = _true({C2PA: C2PA_TAG in page.tags, loss: bool(loss)})
+    return Picture(pixels, exif, page.iccprofile, None, xmp, iptc, losses)
 
 
-def of_heif(info: dict[str, Any], exif: bytes | None, data: bytes) -> Metadata:
-    """Return the metadata of a HEIC file; `info` is that of pillow-heif."""
+def of_heif(info: dict[str, Any], exif: bytes | None, data: bytes, pixels: NDArray[Any]) -> Picture:
+    """Return a picture with the metadata of a HEIC file; `info` is that of pillow-heif."""
     xmp = _as_bytes(info.get("xmp"))
     # The first box of a file with several pictures lists them.
     found = {
@@ -108,8 +160,11 @@ def of_heif(info: dict[str, Any], exif: bytes | None, data: bytes) -> Metadata:
         GAIN_MAP: _describes(xmp, GAIN_MAP_TEXTS) or any(mark in data[: 2**16] for mark in HEIF_GAIN_MAPS),
         MOTION: _describes(xmp, MOTION_TEXTS),
     }
-    losses = tuple(text for text, is_there in found.items() if is_there)
-    return Metadata(exif, info.get("icc_profile"), xmp, None, losses)
+    return Picture(pixels, exif, info.get("icc_profile"), None, xmp, None, _true(found))
+
+
+def _true(found: dict[str, bool]) -> tuple[str, ...]:
+    return tuple(text for text, is_there in found.items() if is_there)
 
 
 def _describes(xmp: bytes | str | None, texts: tuple[bytes, ...]) -> bool:
@@ -127,7 +182,7 @@ def _tag_bytes(page: tifffile.TiffPage, number: int) -> bytes | None:
         return None
     file = page.parent.filehandle
     file.seek(tag.valueoffset)
-    return bytes(file.read(min(tag.valuebytecount, LARGEST_TAG))) or None
+    return bytes(file.read(min(tag.valuebytecount, 2**24))) or None
 
 
 def _riff_chunks(data: bytes) -> list[bytes]:
@@ -165,40 +220,44 @@ def png_iptc(record: bytes) -> bytes:
     return f"\niptc\n{len(record):8d}\n{lines}\n".encode()
 
 
-def renewed(old: Metadata, pixels: NDArray[Any], kind: str, *, transfer: str, is_done: bool = True) -> Metadata:
-    """Return the metadata for a result."""
+def renewed(old: Picture, pixels: NDArray[Any], kind: str, *, is_done: bool = True) -> Picture:
+    """Return a result with the metadata of its original; it gets a thumbnail only if it `is_done`."""
     height, width = pixels.shape[:2]
     losses = list(old.losses)
+    new = replace(old, pixels=pixels, icc_profile=fitting_profile(old.icc_profile, pixels, grey=kind != "WebP"))
     if old.exif:
-        draw = (lambda most: _thumbnail(pixels, transfer, most)) if is_done else lambda _: None
-        old = replace(old, exif=_exif_block.renewed(old.exif, width, height, draw))
+        draw = (lambda most: _thumbnail(pixels, old.transfer, most)) if is_done else lambda _: None
+        new = replace(new, exif=_exif_block.renewed(old.exif, width, height, draw))
     if old.xmp and _describes(old.xmp, GAIN_MAP_TEXTS + MOTION_TEXTS + OTHER_TEXTS):
-        old, losses = replace(old, xmp=None), [*losses, DESCRIBES]
-    for name, reason in _refused(old, pixels, kind).items():
+        new, losses = replace(new, xmp=None), [*losses, DESCRIBES]
+    for name, reason in _refused(new, kind).items():
         without: dict[str, Any] = {name: None}
-        old, losses = replace(old, **without), [*losses, f"{NAMES[name]}, {reason}"]
-    if kind == "TIFF" and old.exif and (loss := _exif_block.of_block(old.exif).loss):
+        new, losses = replace(new, **without), [*losses, f"{BLOCKS[name][0]}, {reason}"]
+    if kind == "TIFF" and new.exif and (loss := _exif_block.of_block(new.exif).loss):
         losses.append(loss)
     if losses:
-        warnings.warn(f"left out of the result: {'; '.join(losses)}", RsdeblurWarning, stacklevel=4)
-    return replace(old, losses=())
+        warnings.warn(f"left out of the result: {'; '.join(losses)}", RsdeblurWarning, stacklevel=3)
+    return new
 
 
-def _refused(metadata: Metadata, pixels: NDArray[Any], kind: str) -> dict[str, str]:
+def fitting_profile(icc: bytes | None, pixels: NDArray[Any], *, grey: bool = True) -> bytes | None:
+    """Return the profile if its colour space (bytes 16 to 20) is that of `pixels`; `grey`: the file can be grey."""
+    space = b"GRAY" if grey and (pixels.ndim == 2 or pixels.shape[2] == 2) else b"RGB "
+    return icc if icc and icc[16:20] == space else None
+
+
+def _refused(picture: Picture, kind: str) -> dict[str, str]:
     """Return the blocks that a file cannot hold, with the reason."""
-    blocks = {name: block for name in NAMES if (block := getattr(metadata, name))}
+    blocks = {name: block for name in BLOCKS if (block := getattr(picture, name))}
     if kind == "NumPy":
         return dict.fromkeys(blocks, "which NumPy files do not have")
     if kind == "WebP":
         return {"iptc": "which WebP files do not have"} if "iptc" in blocks else {}
     if kind == "JPEG":
-        return {
-            name: f"whose {len(block)} bytes are too many for JPEG"
-            for name, block in blocks.items()
-            if len(block) > JPEG_MOST[name]
-        }
+        reason = "whose {} bytes are too many for JPEG"
+        return {name: reason.format(len(block)) for name, block in blocks.items() if len(block) > BLOCKS[name][1]}
     if kind == "TIFF" and "exif" in blocks:
-        if pixels.nbytes > CLASSIC_BYTES:
+        if picture.pixels.nbytes > CLASSIC_BYTES:
             return {"exif": "which a TIFF of more than 4 GB cannot hold"}
         try:
             _exif_block.of_block(blocks["exif"])
@@ -209,7 +268,8 @@ def _refused(metadata: Metadata, pixels: NDArray[Any], kind: str) -> dict[str, s
 
 def _thumbnail(pixels: NDArray[Any], transfer: str, most: int) -> bytes | None:
     """Return a small JPEG of a picture, of at most `most` bytes; None if it does not fit."""
-    step = max(1, max(pixels.shape[:2]) // (4 * max(THUMBNAIL)))
+    side = 160  # px: the size that EXIF recommends
+    step = max(1, max(pixels.shape[:2]) // (4 * side))
     small = pixels[::step, ::step]
     if small.dtype.kind == "u":
         small = small / np.float32(np.iinfo(small.dtype).max)
@@ -221,8 +281,8 @@ def _thumbnail(pixels: NDArray[Any], transfer: str, most: int) -> bytes | None:
 
         small = from_linear(small, "srgb")
     image = Image.fromarray(np.rint(255 * small).astype(np.uint8))
-    image.thumbnail(THUMBNAIL)
-    for quality in QUALITIES:
+    image.thumbnail((side, side))
+    for quality in (80, 50, 20):  # some 6 kB, and less for a small place
         buffer = BytesIO()
         image.save(buffer, "JPEG", quality=quality)
         if len(buffer.getvalue()) <= most:

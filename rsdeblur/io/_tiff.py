@@ -21,7 +21,7 @@ from PIL import Image
 
 from rsdeblur.io import _exif_block, untrusted
 from rsdeblur.io._exif_block import ASCII, LONG, ORIENTATION
-from rsdeblur.io._metadata import CLASSIC_BYTES, IPTC_TAG, XMP_TAG, Metadata, of_tiff
+from rsdeblur.io._metadata import CLASSIC_BYTES, IPTC_TAG, XMP_TAG, Picture, of_tiff
 
 # tifffile logs every oddity of a damaged file; the faults that matter are raised.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
@@ -32,7 +32,6 @@ MAGIC = (b"II*\0", b"MM\0*", *BIG_MAGIC)
 # Tags of an EXIF block's first directory that describe the picture rather than how its samples are stored: description,
 # maker, model, orientation, software, time, artist, computer, rating, copyright, and texts of Windows.
 DESCRIPTIVE = (270, 271, 272, ORIENTATION, 305, 306, 315, 316, 18246, 18249, 33432, *range(40091, 40096))
-NATIVE = "<" if sys.byteorder == "little" else ">"
 Tag = tuple[int, str | int, int, Any, bool]
 # Most bytes per pixel: four samples of 32 bits.
 PIXEL_BYTES = 16
@@ -44,29 +43,25 @@ SLOW_PIXELS_PER_BYTE = 100
 SLOW = (50002, 52546, 22610, 34934, 33003, 33004, 33005, 34712)
 
 
-# Sizes of a page that must be single numbers. A damaged file may have a list there, which multiplied by another size
-# would fill gigabytes.
-SIZES = (
-    *("imagewidth", "imagelength", "imagedepth", "samplesperpixel"),
-    *("rowsperstrip", "tilewidth", "tilelength", "tiledepth"),
-)
-
-
 class Unsupported(ValueError):
     """A picture whose size or kind of samples is not supported; users see the message unchanged."""
 
 
 def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
-    """Return the first page; raise ValueError unless its sizes are numbers."""
+    """Return the first page; raise ValueError unless its sizes are single numbers.
+
+    A damaged file may have a list there, which multiplied by another size would fill gigabytes.
+    """
     page = file.pages.first
-    for name in SIZES:
+    sizes = "imagewidth imagelength imagedepth samplesperpixel rowsperstrip tilewidth tilelength tiledepth"
+    for name in sizes.split():
         if not isinstance(getattr(page, name), int):
             raise ValueError(f"its {name} is not a number")
     return page
 
 
-def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
-    """Return pixels and metadata of the first page; the orientation tag is not applied."""
+def decode(data: bytes, max_pixels: int) -> Picture:
+    """Return the first page; the orientation tag is not applied."""
     untrusted.check("TIFF", "tifffile")
     with tifffile.TiffFile(BytesIO(data)) as file:
         page = first_page(file)
@@ -93,11 +88,23 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
                 f"TIFF with {page.samplesperpixel} samples of {page.bitspersample} bits ({page.photometric!r}) is not "
                 "supported; convert it to grey or RGB of 8 or 16 bits without sign, or float"
             )
-        metadata = of_tiff(page, *exif_block(BytesIO(data)))
-        return np.ascontiguousarray(_straight(pixels) if _is_premultiplied(page) else pixels), metadata
+        pixels = np.ascontiguousarray(_straight(pixels) if _is_premultiplied(page) else pixels)
+        return of_tiff(page, pixels, *exif_block(BytesIO(data)))
 
 
-def place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
+def mapped(file: BinaryIO, size: int) -> Picture | None:
+    """Return the first page of a file of `size` bytes, its samples as a read-only map; None if it must be decoded."""
+    untrusted.check("TIFF", "tifffile")
+    with tifffile.TiffFile(file) as tiff:
+        page = first_page(tiff)
+        place = _place(page, size)
+        if place is None:
+            return None
+        file.seek(0)
+        return of_tiff(page, np.memmap(file, mode="r", **place), *exif_block(file))
+
+
+def _place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
     """Return offset, dtype and shape of grey or RGB samples; None if the page must be decoded."""
     kind = tifffile.PHOTOMETRIC(page.photometric)
     is_picture = all(page.shape) and (page.axes == "YX" or (page.axes == "YXS" and page.shape[2] in (2, 3, 4)))
@@ -110,7 +117,7 @@ def place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
         or page.bitspersample % 8
     ):
         return None
-    if page.parent.byteorder != NATIVE and page.dtype != np.uint8:
+    if page.parent.byteorder != ("<" if sys.byteorder == "little" else ">") and page.dtype != np.uint8:
         return None
     offset = page.dataoffsets[0]
     return {"offset": offset, "dtype": page.dtype, "shape": page.shape} if offset + page.nbytes <= file_size else None
@@ -168,46 +175,46 @@ def exif_block(file: BinaryIO) -> tuple[bytes | None, str]:
     return main.block() if len(main.ifd) or main.tables else None, main.loss
 
 
-def encode(pixels: NDArray[Any], metadata: Metadata) -> bytes:
-    """Return a deflated TIFF file of `pixels`, shape (H, W) or (H, W, C)."""
+def encode(picture: Picture) -> bytes:
+    """Return a deflated TIFF file."""
     buffer = BytesIO()
-    with _tables(buffer, metadata) as tags, tifffile.TiffWriter(buffer, bigtiff=False, byteorder="<") as file:
-        file.write(pixels, compression="zlib", predictor=True, **_layout(pixels.shape, metadata.icc_profile, tags))
+    with _tables(buffer, picture) as tags, tifffile.TiffWriter(buffer, bigtiff=False, byteorder="<") as file:
+        file.write(picture.pixels, compression="zlib", predictor=True, **_layout(picture, tags))
     return buffer.getvalue()
 
 
-def write_empty(file: BinaryIO, shape: tuple[int, ...], dtype: np.dtype[Any], metadata: Metadata) -> int:
-    """Write a TIFF of zeros into an empty file and return the offset of its samples."""
-    big = int(np.prod(shape)) * dtype.itemsize > CLASSIC_BYTES
-    with _tables(file, metadata) as tags, tifffile.TiffWriter(file, bigtiff=big) as tiff:
-        layout = _layout(shape, metadata.icc_profile, tags)
-        extent = tiff.write(None, shape=shape, dtype=dtype, returnoffset=True, **layout)
+def write_empty(file: BinaryIO, picture: Picture) -> int:
+    """Write a TIFF whose samples are not yet filled in into an empty file and return their offset."""
+    shape, dtype = picture.pixels.shape, picture.pixels.dtype
+    big = picture.pixels.nbytes > CLASSIC_BYTES
+    with _tables(file, picture) as tags, tifffile.TiffWriter(file, bigtiff=big) as tiff:
+        extent = tiff.write(None, shape=shape, dtype=dtype, returnoffset=True, **_layout(picture, tags))
     assert extent is not None
     return extent[0]
 
 
-def _layout(shape: tuple[int, ...], icc: bytes | None, tags: Sequence[Tag]) -> dict[str, Any]:
-    channels = 1 if len(shape) == 2 else shape[2]
+def _layout(picture: Picture, tags: Sequence[Tag]) -> dict[str, Any]:
+    channels = 1 if picture.pixels.ndim == 2 else picture.pixels.shape[2]
     return {
         "photometric": "rgb" if channels > 2 else "minisblack",
         "planarconfig": "contig" if channels > 1 else None,
         "extrasamples": ["unassalpha"] if channels in (2, 4) else None,
         "metadata": None,
         "software": False,
-        "iccprofile": icc,
+        "iccprofile": picture.icc_profile,
         "extratags": tags,
     }
 
 
 @contextmanager
-def _tables(file: BinaryIO, metadata: Metadata) -> Iterator[list[Tag]]:
+def _tables(file: BinaryIO, picture: Picture) -> Iterator[list[Tag]]:
     """Yield the tags for the file's first directory; afterwards append the EXIF block's tables to the file."""
     # TIFF's types: bytes, and bytes of no type.
-    blocks = ((XMP_TAG, 1, metadata.xmp), (IPTC_TAG, 7, metadata.iptc))
+    blocks = ((XMP_TAG, 1, picture.xmp), (IPTC_TAG, 7, picture.iptc))
     tags: list[Tag] = [(tag, kind, len(block), block, True) for tag, kind, block in blocks if block]
     tables: dict[int, _exif_block.Table] = {}
-    if metadata.exif:
-        main = _exif_block.of_block(metadata.exif, DESCRIPTIVE)
+    if picture.exif:
+        main = _exif_block.of_block(picture.exif, DESCRIPTIVE)
         for tag in main.ifd:
             value, kind = main.ifd[tag], main.ifd.tagtype[tag]
             # tifffile counts texts itself.

@@ -6,6 +6,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -13,25 +14,24 @@ from typing import Any
 import numpy as np
 
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io.samples import Samples
+from rsdeblur.io.samples import GYRO, AnySensor, Samples
 from rsdeblur.io.source import Format, Source, unpacked_limit
 
-SUFFIXES = (".csv", ".json", ".txt", ".gcsv", ".tsv")
-
+# What `zipfile` raises on damaged or encrypted archives.
+DAMAGE = (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError, OSError, ValueError, LookupError, struct.error)
 # What reports say of a Sensor Logger export.
 FACTS = ("device name", "platform", "appVersion")
-
-# Errors that `zipfile` raises on damaged or encrypted archives.
-DAMAGE = (
-    *(zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError, OSError),
-    *(ValueError, LookupError, struct.error),
-)
+# Its names of the sensors; its "Accelerometer" is without gravity.
+GYROS = ("Gyroscope", "GyroscopeUncalibrated")
+ACCELEROMETERS = ("TotalAcceleration", "AccelerometerUncalibrated", "Accelerometer")
 
 
-def gyro_first(name: str) -> tuple[bool, bool, str]:
-    """Sort key of file names that puts gyro files first, and those with a bias after the others."""
+def order(name: str, sensor: AnySensor) -> tuple[bool, bool, str]:
+    """Sort key of file names: first a gyro without its bias, or an accelerometer with gravity, last other sensors."""
     stem = Path(name).stem.lower()
-    return "gyro" not in stem, "uncalibrated" in stem, name
+    if sensor is GYRO:
+        return "gyro" not in stem, "uncalibrated" in stem, name
+    return "totalacc" not in stem, "acc" not in stem, name
 
 
 def several(archive: Path, what: str, members: list[Source]) -> FileFormatError:
@@ -48,7 +48,7 @@ def is_archive(source: Source) -> bool:
     return source.head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
 
 
-def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]] = gyro_first) -> list[Source]:
+def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]]) -> list[Source]:
     """Return the text files of a zip archive, in the order of this key; any other file is returned alone."""
     if not is_archive(source):
         return [source]
@@ -57,7 +57,8 @@ def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]] = 
             entries = [
                 entry
                 for entry in archive.infolist()
-                if entry.filename.lower().endswith(SUFFIXES) and "__MACOSX" not in entry.filename
+                if entry.filename.lower().endswith((".csv", ".json", ".txt", ".gcsv", ".tsv"))
+                and "__MACOSX" not in entry.filename
             ]
             size, limit = sum(entry.file_size for entry in entries), unpacked_limit(len(source.data))
             if size > limit:
@@ -101,16 +102,13 @@ def facts_beside(members: list[Source]) -> dict[str, Any]:
     return {}
 
 
-def is_sensorlogger_json(source: Source) -> bool:
-    """Whether the file is a JSON export of Sensor Logger."""
+def _is_json(source: Source) -> bool:
     # Searching the start for the key avoids parsing large JSON files of other kinds.
-    if not source.looks_like_json or b'"sensor"' not in source.head:
-        return False
-    return isinstance(source.json, list)
+    return source.looks_like_json and b'"sensor"' in source.head and isinstance(source.json, list)
 
 
-def read_sensorlogger_json(source: Source, sensors: tuple[str, ...], unit: str) -> Samples:
-    """Read the first of `sensors` that a JSON export of Sensor Logger contains."""
+def _read_json(source: Source, sensor: AnySensor) -> Samples:
+    """Read the likeliest log of the sensor in a JSON export of Sensor Logger."""
     entries = source.json
     if not isinstance(entries, list):
         raise source.error("not a Sensor Logger export: expected a list of samples")
@@ -118,31 +116,26 @@ def read_sensorlogger_json(source: Source, sensors: tuple[str, ...], unit: str) 
     for entry in entries:
         if isinstance(entry, dict):
             by_sensor.setdefault(str(entry.get("sensor")), []).append(entry)
-    sensor = next((name for name in sensors if name in by_sensor), None)
-    if sensor is None:
-        raise source.error(
-            f"the file contains no samples of the {sensors[0].lower()}, only of {', '.join(sorted(by_sensor))[:200]}"
-        )
-    readings = by_sensor[sensor]
+    names = GYROS if sensor is GYRO else ACCELEROMETERS
+    name = next((each for each in names if each in by_sensor), None)
+    if name is None:
+        found = ", ".join(sorted(by_sensor))[:200]
+        raise source.error(f"the file contains no samples of the {names[0].lower()}, only of {found}")
+    readings = by_sensor[name]
     try:
         ns = np.array([int(entry["time"]) for entry in readings], dtype=np.int64)
         values = np.array([[float(entry[axis]) for axis in "xyz"] for entry in readings])
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise source.error(f"a sample of {sensor} lacks a number: {error!r}") from error
+        raise source.error(f"a sample of {name} lacks a number: {error!r}") from error
     if not np.isfinite(values).all():
-        raise source.error(f"sample {np.argwhere(~np.isfinite(values))[0][0]} of {sensor} is not finite")
+        raise source.error(f"sample {np.argwhere(~np.isfinite(values))[0][0]} of {name} is not finite")
     device = next(iter(by_sensor.get("Metadata", [])), {})
-    facts = {"sensor": sensor} | {key: device[key] for key in FACTS if key in device}
+    facts = {"sensor": name} | {key: device[key] for key in FACTS if key in device}
     return Samples(
-        ns, values, lambda message, i: source.error(f"sample {i} of {sensor}: {message}"), unit=unit, facts=facts
+        ns, values, lambda message, i: source.error(f"sample {i} of {name}: {message}"), unit=sensor.unit, facts=facts
     )
 
 
-FORMATS: tuple[Format[Samples], ...] = (
-    Format(
-        "sensorlogger-json",
-        "Sensor Logger JSON export",
-        is_sensorlogger_json,
-        lambda source: read_sensorlogger_json(source, ("Gyroscope", "GyroscopeUncalibrated"), "rad/s"),
-    ),
-)
+def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
+    """Return the formats of a sensor's logs."""
+    return (Format("sensorlogger-json", "Sensor Logger JSON export", _is_json, partial(_read_json, sensor=sensor)),)

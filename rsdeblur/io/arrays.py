@@ -12,18 +12,15 @@ from scipy import ndimage
 from rsdeblur._util import validate
 from rsdeblur._util.files import open_file
 from rsdeblur.errors import FileFormatError, InputError
-from rsdeblur.io.pictures import read_picture
+from rsdeblur.io.pictures import NPY_MAGIC, read_picture
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
-
-BANK, ARRAY = b"PK", b"\x93NUMPY"
-MILLIMETRE = 1e-3
 
 
 def read_psfs(path: str | os.PathLike[str], shape: tuple[int, ...]) -> PsfBank:
     """Read the PSFs of a picture."""
     with open_file(path, "PSF") as file:
-        if file.read(len(BANK)) == BANK:
+        if file.read(2) == b"PK":
             return PsfBank.load(path)
     stored, is_picture = _array_or_picture(path, "PSF")
     try:
@@ -92,7 +89,7 @@ def read_depths(path: str | os.PathLike[str]) -> FloatArray:
         stored = stored[:, :, 0]
     if stored.ndim != 2:
         raise FileFormatError(f"{path}: a map of depths has shape (R, C), found {stored.shape}")
-    depths = stored.astype(np.float64) * (1.0 if stored.dtype.kind == "f" else MILLIMETRE)
+    depths = stored.astype(np.float64) * (1.0 if stored.dtype.kind == "f" else 1e-3)
     known = np.isfinite(depths) & (depths != 0)
     if not known.any() or depths[known].min() < 0:
         found = f"{depths[known].min():g} m" if known.any() else "none"
@@ -105,7 +102,7 @@ def read_depths(path: str | os.PathLike[str]) -> FloatArray:
 def _array_or_picture(path: str | os.PathLike[str], what: str) -> tuple[NDArray[Any], bool]:
     """Return the values of a NumPy file or of a picture, and whether it is a picture."""
     with open_file(path, what) as file:
-        if file.read(len(ARRAY)) != ARRAY:
+        if file.read(len(NPY_MAGIC)) != NPY_MAGIC:
             return read_picture(path).pixels, True
         file.seek(0)
         try:

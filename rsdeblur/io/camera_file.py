@@ -7,37 +7,34 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-from rsdeblur.errors import RsdeblurWarning
+from rsdeblur._util import validate
+from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.plausible import doubts
-
-# Largest relative difference of equal aspect ratios: sizes are rounded to whole pixels.
-SAME_SHAPE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Choices for reading a camera file.
-
-    Parameters
-    ----------
-    size : (int, int), optional
-        Width and height of the picture in px, if they differ from the file's.
-    name : str, optional
-        Name of the camera, where a file contains several.
-    fps : float, optional
-        Frame rate in Hz, where a file contains several settings of one size.
-    focal_length : float, optional
-        Focal length in px of the picture; replaces the file's.
-    sensor_width : int, optional
-        Width in px of the whole sensor, if the focal length of a file refers to it.
-    """
+    """Choices for reading a camera file, as :func:`rsdeblur.read_camera` describes them."""
 
     size: tuple[int, int] | None = None
     name: str | None = None
     fps: float | None = None
     focal_length: float | None = None
     sensor_width: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.size is not None:
+            if not (isinstance(self.size, (tuple, list)) and len(self.size) == 2):
+                raise InputError(f"size must be (width, height) in px, got {validate.shown(self.size)}")
+            width, height = self.size
+            # A size of zero has no aspect ratio.
+            object.__setattr__(self, "size", (validate.count("size", width), validate.count("size", height)))
+        if self.focal_length is not None:
+            focal_length = validate.finite("focal_length", self.focal_length, above=0.0)
+            object.__setattr__(self, "focal_length", focal_length)
+        if self.sensor_width is not None:
+            object.__setattr__(self, "sensor_width", validate.count("sensor_width", self.sensor_width))
 
 
 class Assumption(NamedTuple):
@@ -51,24 +48,15 @@ class Assumption(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CameraFile:
-    """A camera with the other content of its file.
-
-    Parameters
-    ----------
-    camera : Camera
-        The camera.
-    format : str
-        Name of the file's format.
-    facts : mapping
-        Other content of the file, for reports.
-    assumptions : tuple of Assumption
-        Assumptions made because the file does not contain a value.
-    """
+    """A camera with the other content of its file."""
 
     camera: Camera
     format: str
+    """Name of the file's format."""
     facts: Mapping[str, Any] = field(default_factory=dict)
+    """Other content of the file, for reports."""
     assumptions: tuple[Assumption, ...] = ()
+    """Assumptions made because the file does not contain a value."""
 
     def with_overrides(self, **overrides: Any) -> CameraFile:
         """Return the file with these keys of its camera replaced, and without the assumptions about them.
@@ -101,7 +89,8 @@ class CameraFile:
         if size is None or size == (camera.width, camera.height):
             return self
         width, height = size
-        if abs(width * camera.height / (height * camera.width) - 1) < SAME_SHAPE:
+        # Sizes are rounded to whole pixels.
+        if abs(width * camera.height / (height * camera.width) - 1) < 0.01:
             return replace(self, camera=camera.resized(width, height))
         scale = width / camera.width
         (fx, fy), (cx, cy) = camera.focal_length, camera.principal_point

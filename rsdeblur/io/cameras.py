@@ -1,6 +1,6 @@
 """Camera files: our own, those of calibration tools, what recordings contain, and as a last resort EXIF.
 
-To add a format, write its `sniff` and `read` and add them to the table in `formats`.
+To add a format, write its `sniff` and `read` and append a `Format` to `FORMATS`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import math
 import os
 import re
 import warnings
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,7 +33,6 @@ from rsdeblur.io.text import TextFile, cells_of, find_columns, is_number
 from rsdeblur.motion.camera import Camera
 
 WHAT = "camera file"
-DEFAULT = Request()
 
 
 def read_camera(
@@ -49,21 +47,12 @@ def read_camera(
 ) -> Camera:
     """Read a camera.
 
-    ==================== ===================================================================================
-    ``toml``             rsdeblur's own, described in ``docs/camera-file.md``
-    ``gyroflow``         Gyroflow lens profile, or a project that contains one
-    ``kalibr``           Kalibr ``camchain-imucam.yaml``, EuRoC ``sensor.yaml``, maplab (extra ``[kalibr]``)
-    ``mars``             MARS logger ``movie_metadata.csv``: focal length and readout time; needs `size`
-    ``recording``        ``.gcsv`` log or video with telemetry: readout; may need `size` and `focal_length`
-    ``exif``             a picture: focal length from EXIF, everything else assumed
-    ==================== ===================================================================================
-
     Parameters
     ----------
     path : path-like
         The file. Its content decides the format; a name that ends in ``.toml`` is enough for a camera file.
-    format : str, optional
-        Name of the format, from the table above, instead of detection.
+    format : {"toml", "gyroflow", "kalibr", "mars", "recording", "exif"}, optional
+        Name of the format instead of detection; the page on files describes each, and what it lacks.
     size : (int, int), optional
         Width and height of the picture in px, if they differ from the file's. The picture is assumed to be resized by
         its width and, with another aspect ratio, to be cut at top and bottom.
@@ -108,52 +97,21 @@ def read_camera(
     return file.warn(path)
 
 
-def open_camera(
-    path: str | os.PathLike[str],
-    format: str | None = None,
-    *,
-    size: tuple[int, int] | None = None,
-    name: str | None = None,
-    fps: float | None = None,
-    focal_length: float | None = None,
-    sensor_width: int | None = None,
-) -> CameraFile:
-    """Read a camera with the other content of its file; assumptions are returned instead of warned about.
+def open_camera(path: str | os.PathLike[str], format: str | None = None, **request: Any) -> CameraFile:
+    """Read a camera, as :func:`read_camera` does, with the other content of its file.
 
-    Parameters
-    ----------
-    path, format, size, name, fps, focal_length, sensor_width
-        See `read_camera`.
-
-    Returns
-    -------
-    CameraFile
-        The camera, its file's format, facts for reports, and the assumptions.
-
-    Raises
-    ------
-    FileFormatError, InputError
-        See `read_camera`.
+    Assumptions are returned instead of warned about.
     """
-    if size is not None:
-        if not (isinstance(size, (tuple, list)) and len(size) == 2):
-            raise InputError(f"size must be (width, height) in px, got {validate.shown(size)}")
-        width, height = size
-        # A size of zero has no aspect ratio.
-        size = validate.count("size", width), validate.count("size", height)
-    if focal_length is not None:
-        focal_length = validate.finite("focal_length", focal_length, above=0.0)
-    if sensor_width is not None:
-        sensor_width = validate.count("sensor_width", sensor_width)
+    wanted = Request(**request)
     source = Source(path, WHAT)
-    request = Request(size, name, fps, focal_length, sensor_width)
-    file = choose(formats(request), source, format).read(source)
+    file = choose(FORMATS, source, format).read(source, wanted)
+    focal_length = wanted.focal_length
     return file if focal_length is None else file.with_overrides(focal_length=(focal_length, focal_length))
 
 
 def detect_camera_format(path: str | os.PathLike[str]) -> str:
     """Return the name of the format as which `read_camera` would read the file."""
-    return choose(formats(), Source(path, WHAT)).name
+    return choose(FORMATS, Source(path, WHAT)).name
 
 
 def check_editable(path: str | os.PathLike[str]) -> None:
@@ -232,42 +190,14 @@ def _read_exif(source: Source, request: Request) -> CameraFile:
     return file.fitted(request.size)
 
 
-def formats(request: Request = DEFAULT) -> tuple[Format[CameraFile], ...]:
-    """Return the formats, whose readers follow `request`."""
-    return tuple(
-        Format(name, title, sniff, partial(read, request=request))
-        for name, title, sniff, read in (
-            ("exif", "picture with an EXIF block", is_picture, _read_exif),
-            ("gyroflow", "Gyroflow lens profile or project", gyroflow.is_lens, gyroflow.read_lens),
-            ("kalibr", "Kalibr, EuRoC or maplab YAML", kalibr.sniff, kalibr.read),
-            ("mars", "MARS logger movie_metadata.csv", sniff_mars, read_mars),
-            ("recording", ".gcsv log or video with telemetry", sniff_log, read_log),
-            ("toml", "TOML, see docs/camera-file.md", _sniff_toml, _read_toml),
-        )
-    )
+MARS_FOCAL = (r"fx\s*\[px\]", r"fy\s*\[px\]")
 
 
-# Columns of MARS logger's movie_metadata.csv; only iOS has the principal point, only Android the readout time.
-MARS_FOCAL = (re.compile(r"fx\s*\[px\]"), re.compile(r"fy\s*\[px\]"))
-MARS_COLUMNS = {
-    "cx": re.compile(r"cx\s*\[px\]"),
-    "cy": re.compile(r"cy\s*\[px\]"),
-    "readout_ns": re.compile(r"frame readout time\s*\[nanosec\]"),
-    "exposure_ns": re.compile(r"exposure (time|duration)\s*\[nanosec\]"),
-    "iso": re.compile("iso"),
-    "focal_mm": re.compile("focal length"),
-}
-# Degrees along the longer side. The main cameras of phones see more, so a smaller one suggests another scale.
-LEAST_PHONE_VIEW = 50.0
-
-
-def sniff_mars(source: Source) -> bool:
-    """Whether the file is MARS logger's capture metadata."""
+def _sniff_mars(source: Source) -> bool:
     return source.looks_like_text and find_columns(source.text.head, MARS_FOCAL) is not None
 
 
-def read_mars(source: Source, request: Request) -> CameraFile:
-    """Read the camera in MARS logger's ``movie_metadata.csv``."""
+def _read_mars(source: Source, request: Request) -> CameraFile:
     facts = mars_facts(source.text)
     if not facts:
         raise source.error("not MARS logger's metadata: no line names the columns fx[px] and fy[px]")
@@ -287,7 +217,8 @@ def read_mars(source: Source, request: Request) -> CameraFile:
     elif request.focal_length is None:
         view = math.degrees(2 * math.atan(max(size) / focal_length / 2))
         text = f"the focal length of {focal_length:g} px, a field of view of {view:.0f} degrees, is taken as it is"
-        if view < LEAST_PHONE_VIEW:
+        # The main cameras of phones see more along the longer side, so a smaller view suggests another scale.
+        if view < 50:
             text += "; that is little for a phone: if it refers to the whole sensor, give --sensor-width, like 4000"
         assumptions.append(Assumption("focal_length", text))
     upright = height > width
@@ -300,12 +231,10 @@ def read_mars(source: Source, request: Request) -> CameraFile:
         Assumption("readout_direction", f"the readout direction {direction} is assumed, as of {shape} frames"),
         Assumption("imu_to_camera", f"the axes {axes} are assumed, as of {shape} frames of a rear camera"),
     ]
-    try:
+    with source.parsing("the camera"):
         camera = Camera(
             width, height, focal_length, readout_time=readout or 0.0, readout_direction=direction, imu_to_camera=axes
         )
-    except InputError as error:
-        raise source.error(str(error)) from error
     return CameraFile(camera, "mars", facts, tuple(assumptions))
 
 
@@ -325,22 +254,23 @@ def mars_facts(text: TextFile) -> dict[str, Any]:
         value = float(np.median(cells)) if cells else 0.0
         return value if math.isfinite(value) and value > 0 else None
 
-    values = {
-        name: median(place)
-        for name, pattern in MARS_COLUMNS.items()
-        for place in [next((k for k, cell in enumerate(head) if pattern.match(cell)), len(head))]
-    }
+    def value(pattern: str) -> float | None:
+        return next((median(k) for k, cell in enumerate(head) if re.match(pattern, cell)), None)
+
     facts: dict[str, Any] = {"frames": len(rows)}
     if (focal_length := median(places[0])) is None:
         raise text.error("no focal length: all cells of its column are null; give --focal-length")
     facts["focal_length_px"] = focal_length
-    if values["readout_ns"] is not None:
-        facts["readout_time_s"] = values["readout_ns"] / 1e9
-    if values["exposure_ns"] is not None:
-        facts["exposure_s"] = values["exposure_ns"] / 1e9
-    facts |= {name: values[name] for name in ("iso", "focal_mm") if values[name] is not None}
-    if values["cx"] is not None and values["cy"] is not None:
-        facts["size"] = (round(2 * values["cx"]), round(2 * values["cy"]))
+    # Only Android has the readout time, only iOS the principal point.
+    if (readout := value(r"frame readout time\s*\[nanosec\]")) is not None:
+        facts["readout_time_s"] = readout / 1e9
+    if (exposure := value(r"exposure (time|duration)\s*\[nanosec\]")) is not None:
+        facts["exposure_s"] = exposure / 1e9
+    others = {"iso": value("iso"), "focal_mm": value("focal length")}
+    facts |= {name: number for name, number in others.items() if number is not None}
+    cx, cy = value(r"cx\s*\[px\]"), value(r"cy\s*\[px\]")
+    if cx is not None and cy is not None:
+        facts["size"] = (round(2 * cx), round(2 * cy))
     return facts
 
 
@@ -349,13 +279,11 @@ def _phone(upright: bool) -> tuple[str, ReadoutDirection]:
     return ("phone-portrait", "right-left") if upright else ("phone-landscape", "top-down")
 
 
-def sniff_log(source: Source) -> bool:
-    """Whether the file is a `.gcsv` log or a video that may contain telemetry."""
+def _sniff_log(source: Source) -> bool:
     return is_video(source) or (source.looks_like_text and is_gcsv(source.text))
 
 
-def read_log(source: Source, request: Request) -> CameraFile:
-    """Read the camera of a `.gcsv` log or of a video with telemetry: readout, and what `request` adds."""
+def _read_log(source: Source, request: Request) -> CameraFile:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RsdeblurWarning)
         facts = dict(open_gyro(source.path).facts)
@@ -389,7 +317,7 @@ def read_log(source: Source, request: Request) -> CameraFile:
     if "stabilised" in facts:
         text = f"the camera stabilised the video ({facts['stabilised']}), so its blur is not that of the gyro"
         assumptions.append(Assumption("", text))
-    try:
+    with source.parsing("the camera"):
         camera = Camera(
             *size,
             focal_length,
@@ -400,8 +328,6 @@ def read_log(source: Source, request: Request) -> CameraFile:
             distortion_model=model,
             distortion=(0.0,) * 4 if model == "fisheye" else (),
         )
-    except InputError as error:
-        raise source.error(str(error)) from error
     return CameraFile(camera, "video" if is_video(source) else "gcsv", facts, tuple(assumptions))
 
 
@@ -417,3 +343,13 @@ def _video_size(source: Source) -> tuple[int, int] | None:
             return stream.width, stream.height
     except (OSError, ValueError, IndexError, av.FFmpegError):
         return None
+
+
+FORMATS: tuple[Format[CameraFile], ...] = (
+    Format("exif", "picture with an EXIF block", is_picture, _read_exif),
+    Format("gyroflow", "Gyroflow lens profile or project", gyroflow.is_lens, gyroflow.read_lens),
+    Format("kalibr", "Kalibr, EuRoC or maplab YAML", kalibr.sniff, kalibr.read),
+    Format("mars", "MARS logger movie_metadata.csv", _sniff_mars, _read_mars),
+    Format("recording", ".gcsv log or video with telemetry", _sniff_log, _read_log),
+    Format("toml", "TOML, see docs/camera-file.md", _sniff_toml, _read_toml),
+)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,50 +19,32 @@ from rsdeblur.io.text import Rows, Table, TextFile, cells_of, find_columns, is_n
 from rsdeblur.motion.exposure import Exposure
 
 WHAT = "capture file"
-# Android writes `Exposure time[nanosec]`, iOS `exposure duration[nanosec]`.
-MARS_COLUMNS = (
-    re.compile(r"timestamp\s*\[nanosec\]"),
-    re.compile(r"exposure (time|duration)\s*\[nanosec\]"),
-)
 TIMESTAMP, EXPOSURE = re.compile("(frame)?timestamp"), re.compile("exposure(time|duration)?")
 # A picture's name beside its timestamp.
 PICTURE = re.compile(r".+\.[a-z]\w{2,3}", re.IGNORECASE)
 # s between frames, from 2000 to 2 per second.
 FRAME_SPACING = (0.0005, 0.5)
-# s; the fastest electronic shutters of cameras take ten times as long.
-LEAST_EXPOSURE = 1e-6
-# Columns of GyroDeblurNet's image_info.txt: `t_ns ISO exposure_ns fx fy cx cy s`.
-IMAGE_INFO_CELLS = 8
 
 
 @dataclass(frozen=True, slots=True)
 class CaptureFile:
-    """The captures listed in a file.
-
-    Parameters
-    ----------
-    format : str
-        Name of the file's format.
-    timestamps : list of int
-        Exact timestamps in ns.
-    durations : sequence of float or None
-        Exposure times in s; None where the file does not contain one.
-    """
+    """The captures listed in a file."""
 
     format: str
+    """Name of the file's format."""
     timestamps: list[int]
+    """Exact timestamps in ns."""
     durations: Sequence[float | None]
+    """Exposure times in s; None where the file does not contain one."""
 
 
 def read_captures(path: str | os.PathLike[str], *, duration: float | None = None) -> list[Exposure]:
     """Read the exposures of a recording, in the order of the file.
 
-    Reads MARS logger ``movie_metadata.csv`` (Android and iOS; only timestamp and exposure time are needed, other
-    cells may be ``null``), DeepGyro ``images.txt`` (``t_ns exposure_ns``), GyroDeblurNet ``image_info.txt``, timestamps
-    beside the names of pictures (EuRoC ``cam0/data.csv``), timestamps alone (OpenCamera Sensors
-    ``..._imu_timestamps.csv``, MARS logger ``frame_timestamps.txt``), and JPEG files with a GYRODATA trailer. The
-    content decides the format. Timestamps with fractions are in s, and so are the exposure times beside them, if the
-    frames are then 0.5 to 500 ms apart; others are refused.
+    Reads MARS logger ``movie_metadata.csv``, DeepGyro ``images.txt``, GyroDeblurNet ``image_info.txt``, timestamps
+    alone or beside the names of pictures (EuRoC ``cam0/data.csv``), and JPEG files with a GYRODATA trailer. The content
+    decides the format. Timestamps with fractions are in s, and so are the exposure times beside them, if the frames are
+    then 0.5 to 500 ms apart; others are refused.
 
     Parameters
     ----------
@@ -92,12 +74,8 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
         raise Source(path, WHAT).error(
             "the file contains timestamps without exposure times; give the exposure time: duration (--duration)"
         )
-    exposures = []
-    for timestamp, known in zip(file.timestamps, file.durations, strict=True):
-        time = duration if known is None else known
-        if time is not None:
-            exposures.append(Exposure(0.0, time, timestamp))
-    return exposures
+    times = [duration if known is None else known for known in file.durations]
+    return [Exposure(0.0, t, stamp) for stamp, t in zip(file.timestamps, times, strict=True) if t is not None]
 
 
 def open_captures(path: str | os.PathLike[str]) -> CaptureFile:
@@ -134,7 +112,8 @@ def _captures(
     per_second = 1e9 / float(TIME_UNITS[unit])
     durations = {row: float(value) / per_second for row, value in zip(timed, values, strict=True)}
     for row, duration in durations.items():
-        if 0 < duration < LEAST_EXPOSURE:
+        # The fastest electronic shutters of cameras take ten times as long.
+        if 0 < duration < 1e-6:
             raise text.error(
                 f"an exposure time of {1e9 * duration:g} ns is shorter than that of any camera; write it in {unit}", row
             )
@@ -163,7 +142,8 @@ def _unit_of_timestamps(table: Table) -> str:
 
 
 def _mars_columns(text: TextFile) -> list[int] | None:
-    return find_columns(text.head, MARS_COLUMNS)
+    # Android writes `Exposure time[nanosec]`, iOS `exposure duration[nanosec]`.
+    return find_columns(text.head, (r"timestamp\s*\[nanosec\]", r"exposure (time|duration)\s*\[nanosec\]"))
 
 
 def _read_mars(text: TextFile) -> CaptureFile:
@@ -176,8 +156,9 @@ def _has_numbers(text: TextFile, count: int) -> bool:
 
 
 def _sniff_image_info(text: TextFile) -> bool:
-    # A pose has eight numbers too, but a quaternion has none beyond 1, and no camera has a focal length below 1 px.
-    return _has_numbers(text, IMAGE_INFO_CELLS) and float(cells_of(text.head)[4]) > 1
+    # `t_ns ISO exposure_ns fx fy cx cy s`. A pose has eight numbers too, but a quaternion has none beyond 1, and no
+    # camera has a focal length below 1 px.
+    return _has_numbers(text, 8) and float(cells_of(text.head)[4]) > 1
 
 
 def _names_pictures(text: TextFile) -> bool:
@@ -232,21 +213,16 @@ def _read_trailer(source: Source) -> CaptureFile:
     return CaptureFile("gyrodata", [trailer.capture_ns], [None] if exposure is None else [exposure])
 
 
+def _plain(name: str, title: str, sniff: Callable[[TextFile], bool], columns: tuple[int, int]) -> Format[CaptureFile]:
+    """Return a format of numbers without a header, of which the timestamp and the exposure time are read."""
+    return text_format(name, title, sniff, lambda text: _captures(name, text, text.rows, columns))
+
+
 FORMATS: tuple[Format[CaptureFile], ...] = (
     Format("gyrodata", "JPEG with a GYRODATA trailer", lambda source: trailer_of(source) is not None, _read_trailer),
     text_format("mars", "MARS logger movie_metadata.csv", lambda text: _mars_columns(text) is not None, _read_mars),
-    text_format(
-        "deepgyro",
-        "DeepGyro images.txt, `t_ns exposure_ns`",
-        lambda text: _has_numbers(text, 2),
-        lambda text: _captures("deepgyro", text, text.rows, (0, 1)),
-    ),
-    text_format(
-        "image-info",
-        "GyroDeblurNet image_info.txt",
-        _sniff_image_info,
-        lambda text: _captures("image-info", text, text.rows, (0, 2)),
-    ),
+    _plain("deepgyro", "DeepGyro images.txt, `t_ns exposure_ns`", lambda text: _has_numbers(text, 2), (0, 1)),
+    _plain("image-info", "GyroDeblurNet image_info.txt", _sniff_image_info, (0, 2)),
     text_format("euroc", "EuRoC cam0/data.csv, `t_ns,filename`", _names_pictures, _read_pictures),
     text_format(
         "timestamps",

@@ -9,26 +9,17 @@ from dataclasses import dataclass
 from rsdeblur.io.source import Source
 from rsdeblur.io.text import cells_of
 
-WHAT = "file of clocks"
 SOURCE = re.compile(r"SENSOR_INFO_TIMESTAMP_SOURCE is (?:SENSOR_INFO_TIMESTAMP_SOURCE_)?(REALTIME|UNKNOWN)")
-# Largest drift between CLOCK_MONOTONIC and CLOCK_BOOTTIME in one session; they differ by the time that a phone slept.
-STEADY_NS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Clocks:
-    """Clocks of a session, from its `edge_epochs.txt`.
-
-    Parameters
-    ----------
-    source : {"REALTIME", "UNKNOWN"}
-        Android's name for the clock of the camera's timestamps: the gyro's clock, or an unknown one.
-    differences : tuple of int
-        The gyro's clock minus `nanoTime()`, in ns, at the session's start and end.
-    """
+    """Clocks of a session, from its `edge_epochs.txt`."""
 
     source: str
+    """Android's name for the clock of the camera's timestamps: REALTIME is the gyro's clock, or UNKNOWN."""
     differences: tuple[int, ...]
+    """The gyro's clock minus `nanoTime()`, in ns, at the session's start and end."""
 
     @property
     def time_offset(self) -> float:
@@ -46,23 +37,13 @@ def is_clocks(source: Source) -> bool:
 def read_clocks(path: str | os.PathLike[str]) -> Clocks:
     """Read the `edge_epochs.txt` of a MARS logger session.
 
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Returns
-    -------
-    Clocks
-        The camera's clock, and the differences between the gyro's clock and `nanoTime()`.
-
     Raises
     ------
     FileFormatError
         If the file cannot be read or is not an `edge_epochs.txt`; or, naming the line, if its numbers contradict each
         other or the clocks drift apart.
     """
-    source = Source(path, WHAT)
+    source = Source(path, "file of clocks")
     text = source.text
     match = SOURCE.search(text.start)
     if match is None:
@@ -76,7 +57,8 @@ def read_clocks(path: str | os.PathLike[str]) -> Clocks:
         if boot - nano != difference and nano - boot != difference:
             raise text.error(f"{difference} ns is not the difference of the clocks {boot} and {nano}", row)
         differences.append(boot - nano)
-        if abs(differences[-1] - differences[0]) > STEADY_NS:
+        # CLOCK_MONOTONIC and CLOCK_BOOTTIME differ by the time that a phone slept; the rest is a drift below 1 ms.
+        if abs(differences[-1] - differences[0]) > 1_000_000:
             raise text.error(
                 "the clocks drift apart during the session: the phone slept, so no single offset fits", row
             )

@@ -9,19 +9,12 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, NamedTuple
 
 from PIL import Image
+from PIL.ExifTags import GPS, IFD, Base
 
 from rsdeblur.errors import ClockError, InputError
 from rsdeblur.motion.gyro import GyroLog
 
-CAMERA_IFD = 0x8769
-MAKE, MODEL, ORIENTATION = 0x010F, 0x0110, 0x0112
-EXPOSURE_TIME, SENSITIVITY, FOCAL_LENGTH, FOCAL_LENGTH_35 = 0x829A, 0x8827, 0x920A, 0xA405
-PLANE_RESOLUTION, PLANE_UNIT, PIXELS_ACROSS, ZOOM = 0xA20E, 0xA210, 0xA002, 0xA404
-
-# mm per unit of the focal plane's resolution: none (which means inch), inch, cm, mm, um.
-PLANE_UNITS = {1: 25.4, 2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
-# mm: the smallest phone cameras, and medium format.
-SENSOR_WIDTHS = (2.0, 60.0)
+MAKE, MODEL, ZOOM = Base.Make, Base.Model, Base.DigitalZoomRatio
 # mm: diagonal of a 36 x 24 mm film frame, to which the 35 mm equivalent refers.
 FILM_DIAGONAL = 43.267
 
@@ -35,7 +28,7 @@ class Exif:
         try:
             if block:
                 self.main.load(block)
-            self.camera = dict(self.main.get_ifd(CAMERA_IFD))
+            self.camera = dict(self.main.get_ifd(IFD.Exif))
         except (SyntaxError, ValueError, TypeError, LookupError, struct.error, OSError):
             self.main = Image.Exif()
 
@@ -56,31 +49,33 @@ class Exif:
     @property
     def exposure(self) -> float | None:
         """Exposure time in s."""
-        return self.number(EXPOSURE_TIME)
+        return self.number(Base.ExposureTime)
 
     @property
     def iso(self) -> float | None:
         """ISO sensitivity."""
-        return self.number(SENSITIVITY)
+        return self.number(Base.ISOSpeedRatings)
 
     @property
     def orientation(self) -> int:
         """How viewers turn the stored picture: 1 (not at all) to 8."""
-        value = self.main.get(ORIENTATION)
+        value = self.main.get(Base.Orientation)
         return value if isinstance(value, int) and 1 <= value <= 8 else 1
 
     def focal_px(self, width: int, height: int) -> tuple[float, str]:
         """Return the focal length in px of a picture of that size, and its origin in words."""
-        film = self.number(FOCAL_LENGTH_35)
+        film = self.number(Base.FocalLengthIn35mmFilm)
         if film:
             return film / FILM_DIAGONAL * math.hypot(width, height), f"35 mm equivalent {film:g} mm"
-        focal_length, resolution = self.number(FOCAL_LENGTH), self.number(PLANE_RESOLUTION)
-        millimetres = PLANE_UNITS.get(int(self.number(PLANE_UNIT) or 2))
+        focal_length, resolution = self.number(Base.FocalLength), self.number(Base.FocalPlaneXResolution)
+        # None (which means inch), inch, cm, mm, um.
+        units = {1: 25.4, 2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+        millimetres = units.get(int(self.number(Base.FocalPlaneResolutionUnit) or 2))
         if focal_length and resolution and millimetres:
-            across = self.number(PIXELS_ACROSS) or max(width, height)
-            low, high = SENSOR_WIDTHS
+            across = self.number(Base.ExifImageWidth) or max(width, height)
             sensor = across * millimetres / resolution
-            if not low < sensor < high:
+            # From the smallest phone cameras to medium format.
+            if not 2 < sensor < 60:
                 raise InputError(
                     f"the picture was resized since it was taken: its EXIF block implies a sensor {sensor:.3g} mm wide"
                 )
@@ -96,19 +91,10 @@ class Exif:
         )
 
 
-DATE_TIME, SUBSECONDS, OFFSET = 0x9003, 0x9291, 0x9011
-GPS_IFD, GPS_TIME, GPS_DATE = 0x8825, 7, 29
-
 SECOND_NS = 10**9
 # Time zones differ from UTC by multiples of a quarter of an hour, from -12 to +14 hours.
 QUARTER_NS = 900 * SECOND_NS
 QUARTERS = range(-48, 57)
-# A GPS fix may be older than the photo by this much, ns.
-OLDEST_FIX_NS = 300 * SECOND_NS
-# Timestamps before the year 2000 are not Unix time: clocks of phones count from their start.
-UNIX_SINCE_NS = 946_684_800 * SECOND_NS
-# Years of photos: cameras whose clock is not set write the year 0 or 1, and 64 bits of ns end in 2262.
-YEARS = range(1900, 2262)
 # Time in EXIF minus the start of the exposure, s: cameras write the command, the end or the storing of the picture, and
 # some whole seconds only.
 EXIF_ERROR = (-2.0, 1.0)
@@ -124,21 +110,23 @@ class CaptureTime(NamedTuple):
 def capture_time(exif: Exif) -> CaptureTime:
     """Return the time at which a photo was taken: DateTimeOriginal, its fraction, and its offset or that of the GPS."""
     try:
-        local = datetime.strptime(_text(exif, DATE_TIME), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
-        if local.year not in YEARS:
+        local = datetime.strptime(_text(exif, Base.DateTimeOriginal), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+        # Cameras whose clock is not set write the year 0 or 1, and 64 bits of ns end in 2262.
+        if not 1900 <= local.year < 2262:
             raise ValueError
     except ValueError:
         raise InputError("the EXIF block contains no DateTimeOriginal; give --start or --start-ns") from None
-    digits = _text(exif, SUBSECONDS)
+    digits = _text(exif, Base.SubsecTimeOriginal)
     fraction = int(digits[:9].ljust(9, "0")) if digits.isascii() and digits.isdigit() else 0
     ns = round(local.timestamp()) * SECOND_NS + fraction
     with suppress(ValueError):
-        zone = datetime.strptime(_text(exif, OFFSET), "%z").utcoffset()
+        zone = datetime.strptime(_text(exif, Base.OffsetTimeOriginal), "%z").utcoffset()
         return CaptureTime(ns - round((zone or timedelta()).total_seconds()) * SECOND_NS, True)
     fix = _gps_time(exif)
     if fix is not None:
         quarters = round((ns - fix) / QUARTER_NS)
-        if quarters in QUARTERS and abs(ns - quarters * QUARTER_NS - fix) < OLDEST_FIX_NS:
+        # A fix may be up to 300 s older than the photo.
+        if quarters in QUARTERS and abs(ns - quarters * QUARTER_NS - fix) < 300 * SECOND_NS:
             return CaptureTime(ns - quarters * QUARTER_NS, True)
     return CaptureTime(ns, False)
 
@@ -155,7 +143,8 @@ def shown_time(exif: Exif) -> str | None:
 def on_clock_of(time: CaptureTime, log: GyroLog) -> int:
     """Return the Unix time of a photo in ns; without a time zone, in the one zone in which the log covers the photo."""
     first, last = (log.epoch_ns + round(end * SECOND_NS) for end in log.span)
-    if first < UNIX_SINCE_NS:
+    # Timestamps before the year 2000 are not Unix time: clocks of phones count from their start.
+    if first < 946_684_800 * SECOND_NS:
         raise ClockError("the timestamps of the log are not Unix time, so the time in EXIF has no place on its clock")
     zones = [quarter * QUARTER_NS for quarter in QUARTERS] if not time.has_zone else [0]
     early, late = (round(error * SECOND_NS) for error in EXIF_ERROR)
@@ -178,9 +167,9 @@ def _text(exif: Exif, tag: int) -> str:
 def _gps_time(exif: Exif) -> int | None:
     """Return the UTC time of the GPS fix in ns."""
     with suppress(ValueError, TypeError, ArithmeticError, LookupError, AttributeError):
-        gps = exif.main.get_ifd(GPS_IFD)
-        day = datetime.strptime(gps[GPS_DATE].replace("\0", "").strip(), "%Y:%m:%d").replace(tzinfo=UTC)
-        hours, minutes, seconds = map(float, gps[GPS_TIME])
+        gps = exif.main.get_ifd(IFD.GPSInfo)
+        day = datetime.strptime(gps[GPS.GPSDateStamp].replace("\0", "").strip(), "%Y:%m:%d").replace(tzinfo=UTC)
+        hours, minutes, seconds = map(float, gps[GPS.GPSTimeStamp])
         return round(day.timestamp() + 3600 * hours + 60 * minutes + seconds) * SECOND_NS
     return None
 

@@ -10,6 +10,7 @@ import contextlib
 import os
 import struct
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -19,14 +20,8 @@ from rsdeblur._util.files import open_file
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io import untrusted
 from rsdeblur.io._heif import AVIF_BRANDS, BRANDS
-from rsdeblur.io.samples import Samples, nanoseconds
+from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds
 from rsdeblur.io.source import Format, Source
-
-# The trailer is the last 16 KiB of the file: a header, then a ring buffer of samples, the oldest at `oldest`.
-TRAILER_LENGTH = 16384
-TRAILER_MARK = b"GYRODATA\0"
-TRAILER_HEADER = struct.Struct("<16sqIIq")  # name, capture (ns), samples, oldest, shutter command (ns)
-TRAILER_SAMPLE = np.dtype([("ns", "<i8"), ("rates", "<f4", 3), ("extra", "<i4")])
 
 # Four-character codes of GoPro that telemetry-parser does not name: readout time (ms), electronic stabilisation.
 GOPRO_READOUT, GOPRO_STABILISED, GOPRO_STABILISER = "0x53524f54", "0x45495345", "0x45495341"
@@ -51,24 +46,26 @@ def trailer_of(source: Source) -> Trailer | None:
     """Return the GYRODATA trailer of a JPEG; None if the file has none."""
     if not source.head.startswith(b"\xff\xd8"):
         return None
-    end = source.tail(TRAILER_LENGTH)
-    if len(end) < TRAILER_LENGTH or not end.startswith(TRAILER_MARK):
+    # The last 16 KiB of the file: a header, then a ring buffer of samples, the oldest at `oldest`.
+    end = source.tail(16384)
+    if len(end) < 16384 or not end.startswith(b"GYRODATA\0"):
         return None
-    _, capture, count, oldest, command = TRAILER_HEADER.unpack_from(end)
-    return Trailer(capture, count, oldest, command, end[TRAILER_HEADER.size :])
+    capture, total, oldest, command = struct.unpack_from("<16xqIIq", end)
+    return Trailer(capture, total, oldest, command, end[40:])
 
 
 def _read_trailer(source: Source) -> Samples:
     trailer = trailer_of(source)
     if trailer is None:
         raise source.error("not a JPEG with a GYRODATA trailer")
-    room = len(trailer.samples) // TRAILER_SAMPLE.itemsize
+    sample = np.dtype([("ns", "<i8"), ("rates", "<f4", 3), ("extra", "<i4")])
+    room = len(trailer.samples) // sample.itemsize
     if not 0 < trailer.total <= room or trailer.oldest > trailer.total:
         raise source.error(
             f"the GYRODATA trailer is damaged: it claims {trailer.total} samples, the oldest at {trailer.oldest}, "
             f"but has room for {room}"
         )
-    ring = np.frombuffer(trailer.samples, TRAILER_SAMPLE, trailer.total)
+    ring = np.frombuffer(trailer.samples, sample, trailer.total)
     ordered = np.roll(ring, -trailer.oldest)
     rates = ordered["rates"].astype(np.float64)
     # Unused places of a ring that never filled up contain zeros.
@@ -151,102 +148,94 @@ def frame_exposures(path: str | os.PathLike[str]) -> list[float]:
     return _exposures(telemetry_of(source)) if is_video(source) else []
 
 
-def _read_video(source: Source) -> Samples:
+def _read_video(source: Source, sensor: AnySensor) -> Samples:
     telemetry = telemetry_of(source)
-    readings = [sample for sample in telemetry.samples if sample.get("gyro") is not None]
-    if not readings:
+    gyro = [sample for sample in telemetry.samples if sample.get("gyro") is not None]
+    if not gyro:
         raise source.error(f"the video of this {telemetry.camera} has no gyro samples")
-    return _video_samples(source, telemetry, readings)
+    times = np.array([sample["timestamp_ms"] for sample in gyro], dtype=np.float64)
+    rates = np.array([sample["gyro"] for sample in gyro], dtype=np.float64)
+    if sensor is not GYRO:
+        forces = [sample["accl"] for sample in telemetry.samples if sample.get("accl") is not None]
+        if not forces or len(times) < 2:
+            raise source.error(f"the video of this {telemetry.camera} has no samples of an accelerometer")
+        # telemetry-parser puts both sensors' samples side by side by their number, whatever their rates; they span the
+        # same time.
+        times, rates = np.linspace(times[0], times[-1], len(forces)), np.array(forces, dtype=np.float64)
+    what = "gyro" if sensor is GYRO else "accelerometer"
+    if not (np.isfinite(times).all() and np.isfinite(rates).all()):
+        raise source.error(f"the video's {what} data are damaged: a sample is not finite")
 
+    def error_at(message: str, i: int) -> FileFormatError:
+        return source.error(f"{what} sample {i}: {message}")
 
-def _video_samples(source: Source, telemetry: Telemetry, readings: list[Mapping[str, Any]]) -> Samples:
-    first = telemetry.blocks[0].get("Default", {}) if telemetry.blocks else {}
-    facts: dict[str, Any] = {"camera": telemetry.camera}
-    with contextlib.suppress(TypeError, ValueError, KeyError):
-        facts["readout_time_s"] = float(first[GOPRO_READOUT]) / 1e3
-    with contextlib.suppress(TypeError, ValueError, KeyError):
-        facts["field_of_view_deg"] = float(first[GOPRO_VIEW])
-    if exposures := _exposures(telemetry):
-        facts["exposures_s"] = [min(exposures), max(exposures)]
-    cautions = []
-    if first.get(GOPRO_STABILISED) == "Y":
-        facts["stabilised"] = first.get(GOPRO_STABILISER, "yes")
+    unit, facts, cautions = "deg/s" if sensor is GYRO else sensor.unit, _facts(telemetry), []
+    if "stabilised" in facts:
         cautions.append(
             f"the camera stabilised the video itself ({facts['stabilised']}): its picture does not move as the camera "
             "did, so its blur cannot be computed from the gyro alone; record without stabilisation"
         )
-    timestamps = np.array([sample["timestamp_ms"] for sample in readings], dtype=np.float64)
-    rates = np.array([sample["gyro"] for sample in readings], dtype=np.float64)
-    if not (np.isfinite(timestamps).all() and np.isfinite(rates).all()):
-        raise source.error("the video's gyro data are damaged: a sample is not finite")
+    return Samples(nanoseconds(times, error_at), rates, error_at, unit, "gyroflow", None, "ms", facts, cautions)
+
+
+def _facts(telemetry: Telemetry) -> dict[str, Any]:
+    first = telemetry.blocks[0].get("Default", {}) if telemetry.blocks else {}
+    facts: dict[str, Any] = {"camera": telemetry.camera}
+    for name, code, scale in (("readout_time_s", GOPRO_READOUT, 1e3), ("field_of_view_deg", GOPRO_VIEW, 1.0)):
+        with contextlib.suppress(TypeError, ValueError, KeyError):
+            facts[name] = float(first[code]) / scale
+    if exposures := _exposures(telemetry):
+        facts["exposures_s"] = [min(exposures), max(exposures)]
+    if first.get(GOPRO_STABILISED) == "Y":
+        facts["stabilised"] = first.get(GOPRO_STABILISER, "yes")
     # telemetry-parser spaces the samples evenly, from zero at the first one; no frame is tied to that zero.
-    facts["time_zero"] = "the first gyro sample, not the first frame"
-
-    def error_at(message: str, i: int) -> FileFormatError:
-        return source.error(f"gyro sample {i}: {message}")
-
-    return Samples(
-        nanoseconds(timestamps, error_at),
-        rates,
-        error_at,
-        unit="deg/s",
-        axes="gyroflow",
-        time_unit="ms",
-        facts=facts,
-        cautions=cautions,
-    )
-
-
-# Boxes that lead to the table of sizes.
-CONTAINERS = frozenset((b"moov", b"trak", b"mdia", b"minf", b"stbl"))
-HEADER, LONG_HEADER = struct.Struct(">I4s"), struct.Struct(">Q")
-# Version and flags, the size of all samples or 0, the number of samples; then the size of each, if that is 0.
-SIZES = struct.Struct(">III")
+    return facts | {"time_zero": "the first gyro sample, not the first frame"}
 
 
 def check_sample_sizes(source: Source) -> None:
     """Check the sizes of the samples of a video that is a file of its own."""
+    # Boxes that lead to the table of sizes.
+    containers = (b"moov", b"trak", b"mdia", b"minf", b"stbl")
     with open_file(source.path, source.what) as file:
         whole = file.seek(0, os.SEEK_END)
         # Parts of the file that contain boxes; a list, because a damaged file may nest them without end.
         parts = [(0, whole)]
         while parts:
             place, stop = parts.pop()
-            while place + HEADER.size <= stop:
+            while place + 8 <= stop:
                 kind, start, place = _box(file, place, stop)
-                if kind in CONTAINERS:
+                if kind in containers:
                     parts.append((start, place))
-                elif kind == b"stsz" and (largest := _largest(file, start, place)) > whole:
-                    raise source.error(
-                        f"the video is damaged: it claims a sample of {largest} bytes, and has {whole} in all"
-                    )
+                elif kind == b"stsz":
+                    file.seek(start)
+                    table = file.read(place - start).ljust(12, b"\0")
+                    # Version and flags, the size of all samples or 0, their number; then the size of each.
+                    _, largest, count = struct.unpack_from(">III", table)
+                    each = np.frombuffer(table, ">u4", min(count, (len(table) - 12) // 4), 12)
+                    if (largest := largest or int(each.max(initial=0))) > whole:
+                        raise source.error(
+                            f"the video is damaged: it claims a sample of {largest} bytes, and has {whole} in all"
+                        )
 
 
 def _box(file: BinaryIO, place: int, stop: int) -> tuple[bytes, int, int]:
     """Return the kind of the box at `place`, and where its content begins and ends, at `stop` at the latest."""
     file.seek(place)
-    size, kind = HEADER.unpack(file.read(HEADER.size))
-    start = place + HEADER.size
-    if size == 1 and start + LONG_HEADER.size <= stop:
-        (size,) = LONG_HEADER.unpack(file.read(LONG_HEADER.size))
-        start += LONG_HEADER.size
+    size, kind = struct.unpack(">I4s", file.read(8))
+    start = place + 8
+    if size == 1 and start + 8 <= stop:
+        (size,) = struct.unpack(">Q", file.read(8))
+        start += 8
     # A size of 0 reaches to the end. Nothing can follow a box whose size is less than that of its header.
     end = place + size if size >= start - place else stop
     return kind, start, min(end, stop)
 
 
-def _largest(file: BinaryIO, start: int, stop: int) -> int:
-    """Return the size of the largest sample in the table between two places of the file; 0 if it is cut off."""
-    file.seek(start)
-    table = file.read(stop - start)
-    if len(table) < SIZES.size:
-        return 0
-    _, same, count = SIZES.unpack_from(table)
-    each = np.frombuffer(table, ">u4", min(count, (len(table) - SIZES.size) // 4), SIZES.size)
-    return same or int(each.max(initial=0))
-
-
-FORMATS: tuple[Format[Samples], ...] = (
-    Format("gyrodata", "JPEG with a GYRODATA trailer", lambda source: trailer_of(source) is not None, _read_trailer),
-    Format("video", "video with a telemetry track: GoPro, DJI, Sony, Insta360", is_video, _read_video),
-)
+def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
+    """Return the formats of a sensor's logs."""
+    title = "video with a telemetry track: GoPro, DJI, Sony, Insta360"
+    video = Format("video", title, is_video, partial(_read_video, sensor=sensor))
+    if sensor is not GYRO:
+        return (video,)
+    sniff = lambda source: trailer_of(source) is not None  # noqa: E731
+    return Format("gyrodata", "JPEG with a GYRODATA trailer", sniff, _read_trailer), video

@@ -1,38 +1,34 @@
-"""Gyro logs in the formats of common apps and cameras.
+"""Logs of gyros and accelerometers in the formats of common apps and cameras.
 
-To add a format, write its `sniff` and `read` in the module of its family and append a `Format` to the `FORMATS` there;
-the first whose `sniff` accepts the content wins.
+To add a format, write its `sniff` and `read` in a file of its own and add its `formats` to `FAMILIES`; the first whose
+`sniff` accepts the content wins.
 """
 
 from __future__ import annotations
 
 import os
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from rsdeblur._util import validate
 from rsdeblur.io import archives, gyro_binary, gyro_tables, gyroflow
-from rsdeblur.io.samples import GyroFile, Samples, finish
+from rsdeblur.io.samples import ACCELEROMETER, GYRO, AnySensor, GyroFile, Samples, finish
 from rsdeblur.io.source import Format, Source, choose
 from rsdeblur.io.text import line_error
+from rsdeblur.motion.acceleration import AccelerationLog
 from rsdeblur.motion.axes import orientation as orientation_matrix
 from rsdeblur.motion.gyro import GyroLog
 
-WHAT = "gyro log"
-FORMATS: tuple[Format[Samples], ...] = (
-    *gyro_binary.FORMATS,
-    *gyroflow.FORMATS,
-    *archives.FORMATS,
-    *gyro_tables.FORMATS,
-)
-# Formats that many tables fit; in an archive, the file of an app comes first.
-ANY_TABLE = ("plain", "unstamped")
-ADVICE = (
-    "; name the columns of a table in its first line, like t,wx,wy,wz, or with units t_ms,wx_deg_s,wy_deg_s,wz_deg_s"
-)
+FAMILIES = (gyro_binary.formats, gyroflow.formats, archives.formats, gyro_tables.formats)
+
+
+@cache
+def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
+    """Return the formats of a sensor's logs, in the order in which they are tried."""
+    return tuple(each for family in FAMILIES for each in family(sensor))
 
 
 def read_gyro(
@@ -45,27 +41,9 @@ def read_gyro(
 ) -> GyroLog:
     r"""Read a gyro log.
 
-    ===================== ==================================================================================
-    ``gyrodata``          JPEG with a GYRODATA trailer
-    ``video``             telemetry of GoPro, DJI, Sony, Insta360 and others (extra ``[telemetry]``)
-    ``gcsv``              Gyroflow ``.gcsv``, its `orientation` applied
-    ``gyroflow``          Gyroflow project with gyro data in it (extra ``[gyroflow]`` for current versions)
-    ``sensorlogger-json`` Sensor Logger, exported as JSON
-    ``mars``              MARS logger ``gyro_accel.csv``, Android or iOS
-    ``euroc``             EuRoC ``imu0/data.csv``, Kalibr ``imu0.csv``
-    ``phyphox``           phyphox ``Gyroscope.csv``
-    ``sensorlogger``      Sensor Logger ``Gyroscope.csv``, renamed columns too
-    ``deepgyro``          ``type t_ns x y z``; type 4 (or 16) is the gyro, other sensors are skipped
-    ``opencamera``        OpenCamera Sensors ``...gyro.csv``: ``x,y,z,t_ns`` without a header
-    ``plain``             ``t wx wy wz`` or ``wx wy wz t``, or a header that names these columns in any order
-    ``unstamped``         ``wx wy wz``, just three columns, or a header that names them and no timestamps; needs `rate`
-    ===================== ==================================================================================
-
-    A zip archive is searched for a gyro log, and refused if it contains several that are equally likely. Columns of
-    text may be separated by commas, semicolons, bars, spaces or tabs; blank lines and lines that start with ``#`` are
-    skipped. In a table without a header, the one column that always rises contains the timestamps. Units come from the
-    header; without one, rates are in rad/s and the unit of time (s, ms, us or ns) follows from the median sample
-    spacing, which is unambiguous for a gyro between 20 Hz and 8 kHz.
+    A zip archive is searched for a gyro log, and refused if it contains several that are equally likely. Units come
+    from the header; without one, rates are in rad/s and the unit of time (s, ms, us or ns) follows from the median
+    sample spacing, which is unambiguous for a gyro between 20 Hz and 8 kHz.
     Rates of ``gcsv``, ``gyroflow`` and ``video`` are in Gyroflow's frame (x up, y left, z back), those of the others in
     the sensor's own axes.
 
@@ -74,7 +52,7 @@ def read_gyro(
     path : path-like
         The log. Its content decides the format.
     format : str, optional
-        Name of the format, from the table above, instead of detection.
+        Name of the format instead of detection: ``gcsv``, ``plain``, ... The page on files describes each.
     unit : {"rad/s", "deg/s", "mrad/s", "mdeg/s"}, optional
         Unit of the rates, instead of the one that the file states or its format implies.
     orientation : str, optional
@@ -125,73 +103,95 @@ def open_gyro(
     orientation: str | None = None,
     rate: float | None = None,
 ) -> GyroFile:
-    """Read a gyro log with the other content of its file.
-
-    Parameters
-    ----------
-    path, format, unit, orientation, rate
-        See `read_gyro`.
-
-    Returns
-    -------
-    GyroFile
-        The log, its file's format, axes and units, and facts for reports.
-
-    Raises
-    ------
-    FileFormatError, InputError
-        See `read_gyro`.
-    """
+    """Read a gyro log, as :func:`read_gyro` does, with the other content of its file."""
     overrides: dict[str, Any] = {}
     if orientation is not None:
         validate.instance("orientation", orientation, str)
         overrides = {"turn": orientation_matrix(orientation), "axes": "gyroflow", "cautions": ()}
-    chosen, source, facts = _choose(path, format)
+    chosen, source, facts = _choose(path, GYRO, format)
     samples, path = chosen.read(source), source.path
     # Frees the content, perhaps a gigabyte, before the log is made.
     del source
+    samples = replace(samples, **overrides)
     facts = {**facts, **samples.facts} | ({"orientation": orientation} if orientation else {})
-    return finish(replace(samples, facts=facts, **overrides), chosen.name, unit, rate, partial(line_error, path))
+    log = finish(samples, GYRO, unit, rate, partial(line_error, path))
+    return GyroFile(log, chosen.name, samples.axes, samples.time_unit, unit or samples.unit, facts)
 
 
-def detect_gyro_format(path: str | os.PathLike[str]) -> str:
-    """Return the name of the format as which `read_gyro` would read the file.
+def read_acceleration(path: str | os.PathLike[str], *, unit: str | None = None) -> AccelerationLog:
+    """Read the log of an accelerometer, from the file of a gyro log or its own.
+
+    The formats are those of :func:`read_gyro`, except Gyroflow's projects; the axes are those in which it reads the
+    gyro of the same device.
 
     Parameters
     ----------
     path : path-like
-        The file.
+        The file; that of the gyro log if it contains both sensors.
+    unit : {"m/s^2", "g", "mg"}, optional
+        Unit of the accelerations, instead of that in the header or, without one, m/s^2.
 
     Returns
     -------
-    str
-        Name of the format.
+    AccelerationLog
+        The log, in m/s^2.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read or contains no accelerometer; if its median is not gravity in the unit, as after an
+        app has removed gravity; if it is an archive of several recordings; or for the reasons of :func:`read_gyro`.
+    InputError
+        If `unit` is not a valid one.
+
+    Warns
+    -----
+    RsdeblurWarning
+        If samples were sorted or dropped.
+    """
+    chosen, source, _ = _choose(path, ACCELEROMETER, None)
+    return finish(chosen.read(source), ACCELEROMETER, unit, None, partial(line_error, source.path))
+
+
+def detect_gyro_format(path: str | os.PathLike[str]) -> str:
+    """Return the name of the format as which `read_gyro` would read the file.
 
     Raises
     ------
     FileFormatError
         If the file cannot be read or is of no known format.
     """
-    return _choose(path, None)[0].name
+    return _choose(path, GYRO, None)[0].name
 
 
-def _choose(path: str | os.PathLike[str], format: str | None) -> tuple[Format[Samples], Source, dict[str, Any]]:
+def _choose(
+    path: str | os.PathLike[str], sensor: AnySensor, format: str | None
+) -> tuple[Format[Samples], Source, dict[str, Any]]:
     """Return the format, the source of the log (the file or a member of it), and facts from files beside it."""
-    members = archives.members_of(Source(path, WHAT))
+    known = formats(sensor)
+    order = partial(archives.order, sensor=sensor)
+    members = archives.members_of(Source(path, sensor.what), order)
     facts = archives.facts_beside(members)
-    formats = FORMATS if format is None else (choose(FORMATS, members[0], format),)
-    # In their order, so that large files of other sensors are not parsed beside the gyro's.
-    for _, group in groupby(members, lambda member: archives.gyro_first(member.path.name)[:2]):
-        if fitting := [member for member in group if any(each.fits(member) for each in formats)]:
-            member = fitting[0] if len(fitting) == 1 else _only(Path(path), fitting)
-            return choose(FORMATS, member, format), member, facts
-    return choose(FORMATS, members[0], format, advice=ADVICE), members[0], facts
+    tried = known if format is None else (choose(known, members[0], format),)
+    # In their order, so that large files of other sensors are not parsed beside the log.
+    for _, group in groupby(members, lambda member: order(member.path.name)[:2]):
+        if fitting := [member for member in group if any(each.fits(member) for each in tried)]:
+            member = fitting[0] if len(fitting) == 1 else _only(Path(path), fitting, sensor)
+            return choose(known, member, format), member, facts
+    advice = (
+        "; name the columns of a table in its first line, like t,wx,wy,wz, or with units t_ms,wx_deg_s,wy_deg_s,..."
+    )
+    return choose(known, members[0], format, advice=advice * (sensor is GYRO)), members[0], facts
 
 
-def _only(archive: Path, members: list[Source]) -> Source:
-    """Return the only gyro log among members whose names say equally much; raise `FileFormatError` if two may be it."""
-    likely = [each for each in members if not gyro_tables.names_other_sensor(each.path.stem)] or members[:1]
-    logs = [each for each in likely if choose(FORMATS, each).name not in ANY_TABLE] or likely
+def _only(archive: Path, members: list[Source], sensor: AnySensor) -> Source:
+    """Return the only log among members whose names say equally much; raise `FileFormatError` if two may be it."""
+    if sensor is GYRO:
+        likely = [each for each in members if not gyro_tables.names_other_sensor(each.path.stem)] or members[:1]
+        # Many tables fit these formats; the file of an app comes first.
+        logs = [each for each in likely if choose(formats(GYRO), each).name not in ("plain", "unstamped")] or likely
+    else:
+        logs = [each for each in members if each.path.name == members[0].path.name]
     if len(logs) > 1:
-        raise archives.several(archive, WHAT, logs)
+        raise archives.several(archive, sensor.what, logs)
     return logs[0]

@@ -11,6 +11,7 @@ import struct
 import zlib
 from collections.abc import Mapping
 from decimal import Decimal
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from rsdeblur._util.extras import missing
 from rsdeblur.choices import Distortion
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request
-from rsdeblur.io.samples import Samples, nanoseconds, table_samples
+from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds, table_samples
 from rsdeblur.io.source import Format, Source, text_format, unpacked_limit
 from rsdeblur.io.text import NUMBER, Rows, TextFile, cells_of, read_table
 from rsdeblur.motion import lens
@@ -38,9 +39,6 @@ DIRECTIONS = {
     "left-right": ("2", "270", "lefttoright"),
     "right-left": ("3", "90", "righttoleft"),
 }
-
-# Smallest factor from a log's units to s or rad/s; the largest is its inverse.
-SMALLEST_SCALE = 1e-12
 
 BASE91 = b'ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789!#$%&()*+,./:;<=>?@[]^_`{|}~"'
 
@@ -68,17 +66,18 @@ def is_gcsv(text: TextFile) -> bool:
     return text.head.strip().strip('",;').upper() in TITLES
 
 
-def read_gcsv(text: TextFile, sensor: str = "g", unit: str = "rad/s") -> Samples:
-    """Read the gyro ("g", in rad/s) or the accelerometer ("a", in g) of a `.gcsv` file, both times their scale."""
+def _read_gcsv(text: TextFile, sensor: AnySensor) -> Samples:
+    """Read the gyro, in rad/s, or the accelerometer, in g, of a `.gcsv` file, both times their scale."""
+    letter, unit = ("g", "rad/s") if sensor is GYRO else ("a", "g")
     if not is_gcsv(text):
         raise text.error(f"not a Gyroflow log: the first line must read {' or '.join(TITLES)}", text.rows[0])
-    columns = [sensor + axis for axis in "xyz"]
+    columns = [letter + axis for axis in "xyz"]
     keys: dict[str, tuple[str, int]] = {}
     for i, (row, line) in enumerate(zip(text.rows, text.filled(), strict=True)):
         names = [cell.lower() for cell in cells_of(line)]
         if len(names) >= 4 and names[0] in ("t", "time") and set(columns) <= set(names):
             places = [0, *map(names.index, columns)]
-            return _gcsv_samples(text, text.rows[i + 1 :], places, keys, f"{sensor}scale", unit)
+            return _gcsv_samples(text, text.rows[i + 1 :], places, keys, f"{letter}scale", unit)
         key, *value = (part.strip(' "') for part in re.split("[,:;]", line.strip().rstrip(",;"), maxsplit=1))
         if value:
             keys[key.lower()] = (value[0], int(row))
@@ -90,7 +89,7 @@ def _gcsv_samples(
 ) -> Samples:
     def scale(key: str, default: str) -> Decimal:
         value, row = keys.get(key, (default, 0))
-        if not NUMBER.fullmatch(value) or not SMALLEST_SCALE <= float(value) <= 1 / SMALLEST_SCALE:
+        if not NUMBER.fullmatch(value) or not 1e-12 <= float(value) <= 1e12:
             raise text.error(f"{key} must be a number from 1e-12 to 1e12, got {value!r}", row)
         return Decimal(value)
 
@@ -140,51 +139,40 @@ def _read_project(source: Source) -> Samples:
     project = source.json
     if not is_project(project):
         raise source.error("not a Gyroflow project")
-    try:
-        return _project_samples(source, project)
-    except FileFormatError:
-        raise
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, struct.error, ArithmeticError) as error:
-        raise source.error(f"the gyro data of the project are damaged: {error!r}") from error
+    with source.parsing("the gyro data of the project"):
+        gyro = project.get("gyro_source") or {}
+        metadata = gyro.get("file_metadata") or {}
+        if isinstance(metadata, str):
+            metadata = _cbor(source, _payload(source, metadata))
+        raw = metadata.get("raw_imu") or gyro.get("raw_imu") or project.get("raw_imu")
+        if not raw:
+            origin = gyro.get("filepath") or project.get("videofile") or "the video"
+            raise source.error(f"the project was saved without gyro data; give the file they come from: {origin}")
+        t_ms, rates, unit = _decoded(source, raw)
+        letters = gyro.get("imu_orientation") or metadata.get("imu_orientation")
+        cautions = [] if letters else [_without_orientation(DEFAULT_ORIENTATION)]
+        # Applied in Gyroflow's order: bias (deg/s, raw axes, added), orientation, rotation (pitch, roll, yaw in deg).
+        bias = np.array(gyro.get("gyro_bias") or (0, 0, 0), dtype=np.float64)
+        from scipy.spatial.transform import Rotation  # takes 0.25 s to import; only projects need it
 
+        pitch, roll, yaw = gyro.get("rotation") or (0, 0, 0)
+        turn = Rotation.from_euler("xyz", (yaw, pitch, roll), degrees=True).as_matrix()
+        turn = turn @ orientation(letters or DEFAULT_ORIENTATION)
 
-def _project_samples(source: Source, project: dict[str, Any]) -> Samples:
-    gyro = project.get("gyro_source") or {}
-    metadata = gyro.get("file_metadata") or {}
-    if isinstance(metadata, str):
-        metadata = _cbor(source, _payload(source, metadata))
-    raw = metadata.get("raw_imu") or gyro.get("raw_imu") or project.get("raw_imu")
-    if not raw:
-        origin = gyro.get("filepath") or project.get("videofile") or "the video"
-        raise source.error(f"the project was saved without gyro data; give the file they come from: {origin}")
-    t_ms, rates, unit = _decoded(source, raw)
-    letters = gyro.get("imu_orientation") or metadata.get("imu_orientation")
-    cautions = [] if letters else [_without_orientation(DEFAULT_ORIENTATION)]
-    try:
-        turn = orientation(letters or DEFAULT_ORIENTATION)
-    except InputError as error:
-        raise source.error(str(error)) from error
-    # Applied in Gyroflow's order: bias (deg/s, raw axes, added), orientation, rotation (pitch, roll, yaw in degrees).
-    bias = np.array(gyro.get("gyro_bias") or (0, 0, 0), dtype=np.float64) * (1.0 if unit == "deg/s" else np.pi / 180)
-    from scipy.spatial.transform import Rotation  # takes 0.25 s to import; only projects need it
+        def error_at(message: str, i: int) -> FileFormatError:
+            return source.error(f"sample {i}: {message}")
 
-    pitch, roll, yaw = gyro.get("rotation") or (0, 0, 0)
-    turn = Rotation.from_euler("xyz", (yaw, pitch, roll), degrees=True).as_matrix() @ turn
-
-    def error_at(message: str, i: int) -> FileFormatError:
-        return source.error(f"sample {i}: {message}")
-
-    return Samples(
-        nanoseconds(t_ms, error_at),
-        rates + bias,
-        error_at,
-        unit=unit,
-        axes="gyroflow",
-        turn=turn,
-        time_unit="ms",
-        facts=_project_facts(project, metadata, letters or DEFAULT_ORIENTATION),
-        cautions=cautions,
-    )
+        return Samples(
+            nanoseconds(t_ms, error_at),
+            rates + bias * (1.0 if unit == "deg/s" else np.pi / 180),
+            error_at,
+            unit=unit,
+            axes="gyroflow",
+            turn=turn,
+            time_unit="ms",
+            facts=_project_facts(project, metadata, letters or DEFAULT_ORIENTATION),
+            cautions=cautions,
+        )
 
 
 def _project_facts(project: dict[str, Any], metadata: Mapping[str, Any], letters: str) -> dict[str, Any]:
@@ -212,8 +200,7 @@ def _decoded(source: Source, raw: Any) -> tuple[FloatArray, FloatArray, str]:
     if isinstance(raw, str):
         data = _payload(source, raw)
         if _looks_like_bincode(data):
-            times, rates = _bincode(data)
-            return times, rates, "deg/s"
+            return _finite(*_bincode(data), "deg/s")
         raw = _cbor(source, data)
     if isinstance(raw[0], Mapping):
         readings = [sample for sample in raw if sample.get("gyro") is not None]
@@ -245,26 +232,19 @@ def _payload(source: Source, text: str) -> bytes:
 
 def base91_decode(text: bytes) -> bytes:
     """Decode basE91 (Henke): two characters carry 13 or 14 bits."""
-    value_of = dict(zip(BASE91, range(91), strict=True))
-    out = bytearray()
-    first, bits, count = -1, 0, 0
-    for character in text:
-        value = value_of.get(character, -1)
-        if value < 0:
-            continue
-        if first < 0:
-            first = value
-            continue
-        pair = first + 91 * value
+    others = bytes(set(range(256)).difference(BASE91))
+    values = text.translate(bytes(max(BASE91.find(code), 0) for code in range(256)), others)
+    out, bits, count = bytearray(), 0, 0
+    for low, high in zip(values[::2], values[1::2], strict=False):
+        pair = low + 91 * high
         bits |= pair << count
         count += 13 if pair & 8191 > 88 else 14
         while count > 7:
             out.append(bits & 255)
             bits >>= 8
             count -= 8
-        first = -1
-    if first >= 0:
-        out.append((bits | first << count) & 255)
+    if len(values) % 2:
+        out.append((bits | values[-1] << count) & 255)
     return bytes(out)
 
 
@@ -291,8 +271,7 @@ def _bincode(data: bytes) -> tuple[FloatArray, FloatArray]:
                     times.append(time)
                     rates.append(struct.unpack_from("<3d", data, place))
                 place += 24
-    times_ms, omega, _ = _finite(np.array(times), np.array(rates).reshape(-1, 3), "deg/s")
-    return times_ms, omega
+    return np.array(times), np.array(rates).reshape(-1, 3)
 
 
 def _cbor(source: Source, data: bytes) -> Any:
@@ -304,12 +283,6 @@ def _cbor(source: Source, data: bytes) -> Any:
         return cbor2.loads(data)
     except (cbor2.CBORDecodeError, ValueError) as error:
         raise source.error(f"the gyro data of the project are damaged: {error}") from error
-
-
-# Readout times of real sensors, s. Those in the public database range from 0.01 to 100 ms.
-PLAUSIBLE_READOUT = (0.002, 0.050)
-# Smallest crop, a divisor of the focal length; the largest is its inverse.
-SMALLEST_CROP = 1e-3
 
 
 def is_lens(source: Source) -> bool:
@@ -329,16 +302,8 @@ def read_lens(source: Source, request: Request) -> CameraFile:
     content = source.json
     if not isinstance(content, dict) or not (is_profile(content) or is_project(content)):
         raise source.error("neither a lens profile nor a project of Gyroflow")
-    try:
-        if is_profile(content):
-            return _profile(source, content, request)
-        return _project(source, content, request)
-    except FileFormatError:
-        raise
-    except InputError as error:
-        raise source.error(str(error)) from error
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError) as error:
-        raise source.error(f"the lens profile is damaged: {error!r}") from error
+    with source.parsing("the lens profile"):
+        return (_profile if is_profile(content) else _project)(source, content, request)
 
 
 def _profile(source: Source, profile: dict[str, Any], request: Request) -> CameraFile:
@@ -352,10 +317,8 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
     setting = _setting(source, profile, request)
     _refuse_unmodelled(source, profile | setting)
     crop = float((profile | setting).get("crop") or 1.0)
-    if not SMALLEST_CROP <= crop <= 1 / SMALLEST_CROP:
-        raise source.error(
-            f"the profile's crop is {crop:g}, but must be from {SMALLEST_CROP:g} to {1 / SMALLEST_CROP:g}"
-        )
+    if not 1e-3 <= crop <= 1e3:
+        raise source.error(f"the profile's crop is {crop:g}, but must be from 0.001 to 1000")
     asymmetrical = profile.get("asymmetrical", False)
     timing = readout_of(profile | setting)
     global_shutter = bool(profile.get("global_shutter"))
@@ -389,11 +352,11 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
 def _readout_assumptions(readout_time: float, global_shutter: bool) -> tuple[Assumption, ...]:
     if global_shutter:
         return ()
-    low, high = PLAUSIBLE_READOUT
     text = f"the readout time of {1e3 * readout_time:.3g} ms was submitted by a user; treat it as a first guess"
     if readout_time == 0:
         text = "the profile does not contain the readout time: 0 is assumed; give it if the shutter rolls"
-    elif not low <= readout_time <= high:
+    # Those of real sensors. In the public database they range from 0.01 to 100 ms.
+    elif not 0.002 <= readout_time <= 0.050:
         text = f"the readout time of {1e3 * readout_time:.3g} ms is implausible; users submit these, so measure it"
     return (Assumption("readout_time", text),)
 
@@ -462,7 +425,8 @@ def _project(source: Source, project: dict[str, Any], request: Request) -> Camer
     return CameraFile(camera, "gyroflow-project", file.facts, assumptions)
 
 
-FORMATS: tuple[Format[Samples], ...] = (
-    text_format("gcsv", "Gyroflow .gcsv", is_gcsv, read_gcsv),
-    Format("gyroflow", "Gyroflow project", _sniff_project, _read_project),
-)
+def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
+    """Return the formats of a sensor's logs."""
+    gcsv = text_format("gcsv", "Gyroflow .gcsv", is_gcsv, partial(_read_gcsv, sensor=sensor))
+    project = Format("gyroflow", "Gyroflow project", _sniff_project, _read_project)
+    return (gcsv, project) if sensor is GYRO else (gcsv,)

@@ -9,14 +9,12 @@ import numpy as np
 
 from rsdeblur._util.extras import missing
 from rsdeblur.choices import Distortion
-from rsdeblur.errors import FileFormatError, InputError
+from rsdeblur.errors import FileFormatError
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request
 from rsdeblur.io.source import Source
 from rsdeblur.motion.camera import Camera
 from rsdeblur.types import FloatArray
 
-# Distance of the principal point from the middle that hardly any lens exceeds, as a share of the picture's side.
-OFF_CENTRE = 0.1
 MODELS: dict[str, Distortion] = {
     "radtan": "radtan",
     "radial-tangential": "radtan",
@@ -28,7 +26,6 @@ MODELS: dict[str, Distortion] = {
 }
 # Bounds in characters and in values; calibrations have a few thousand and a few hundred.
 LONGEST, MOST_VALUES = 100_000, 10_000
-CAMERA_NAME = re.compile(r"cam\d+")
 
 
 def sniff(source: Source) -> bool:
@@ -41,26 +38,17 @@ def sniff(source: Source) -> bool:
 
 def read(source: Source, request: Request) -> CameraFile:
     """Read one camera of the file, the first one unless `request` names another."""
-    content = _load(source)
-    name = request.name or "the file"
-    try:
-        cameras = _cameras(source, content)
-        name = request.name or next(iter(cameras))
-        if name not in cameras:
-            raise source.error(f"there is no camera {name!r} in the file, only {', '.join(cameras)}")
-        assumptions: list[Assumption] = []
-        if request.name is None and len(cameras) > 1:
-            assumptions.append(
-                Assumption("", f"the file has {len(cameras)} cameras ({', '.join(cameras)}); {name} is used")
-            )
+    cameras = _cameras(source, _load(source))
+    name = request.name or next(iter(cameras))
+    if name not in cameras:
+        raise source.error(f"there is no camera {name!r} in the file, only {', '.join(cameras)}")
+    assumptions: list[Assumption] = []
+    if request.name is None and len(cameras) > 1:
+        text = f"the file has {len(cameras)} cameras ({', '.join(cameras)}); {name} is used"
+        assumptions.append(Assumption("", text))
+    with source.parsing(name):
         camera = _camera(source, cameras[name], assumptions)
         return CameraFile(camera, "kalibr", {"camera": name}, tuple(assumptions)).fitted(request.size)
-    except FileFormatError:
-        raise
-    except InputError as error:
-        raise source.error(f"{name}: {error}") from error
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
-        raise source.error(f"{name} is damaged or incomplete: {error!r}") from error
 
 
 def _load(source: Source) -> Any:
@@ -77,27 +65,21 @@ def _load(source: Source) -> Any:
             "give the file with the results of the calibration"
         )
 
-    class Loader(yaml.SafeLoader):
-        """Counts the values behind aliases: a few lines of nested aliases may expand beyond the memory."""
-
-        def __init__(self, text: str) -> None:
-            super().__init__(text)
-            self.values, self.sizes = 0, dict[yaml.Node | None, int]()
-
-        def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-            is_alias, before = self.check_event(yaml.AliasEvent), self.values
-            node = super().compose_node(parent, index)
-            # An alias of a node that is not counted yet lies inside that node, so it never ends.
-            self.values += self.sizes.get(node, MOST_VALUES) if is_alias else 1
-            if self.values > MOST_VALUES:
-                raise yaml.YAMLError(f"it contains more than {MOST_VALUES} values, counting those behind aliases")
-            if not is_alias:
-                self.sizes[node] = self.values - before
-            return node
-
     try:
-        return yaml.load(text, Loader)
+        # Values behind aliases are counted each time: a few lines of nested aliases may expand beyond the memory.
+        nodes, count = [yaml.compose(text, yaml.SafeLoader)], 0
+        while nodes:
+            node, count = nodes.pop(), count + 1
+            if count > MOST_VALUES:
+                raise source.error(f"the YAML contains more than {MOST_VALUES} values, counting those behind aliases")
+            if isinstance(node, yaml.MappingNode):
+                nodes += [each for pair in node.value for each in pair]
+            elif isinstance(node, yaml.SequenceNode):
+                nodes += node.value
+        return yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
+        if isinstance(error, FileFormatError):
+            raise
         raise source.error(f"not YAML: {' '.join(str(error).split())}") from error
 
 
@@ -110,9 +92,10 @@ def _cameras(source: Source, content: Any) -> dict[str, dict[str, Any]]:
         for i, entry in enumerate(content["cameras"]):
             if isinstance(entry, dict):
                 # maplab has the keys of the camera one level deeper, under other names and with hyphens.
-                cameras[f"cam{i}"] = _of_maplab(entry | (entry.get("camera") or {}))
+                with source.parsing(f"cam{i}"):
+                    cameras[f"cam{i}"] = _of_maplab(entry | (entry.get("camera") or {}))
     elif isinstance(content, dict):
-        cameras = {key: value for key, value in content.items() if CAMERA_NAME.fullmatch(str(key))}
+        cameras = {key: value for key, value in content.items() if re.fullmatch(r"cam\d+", str(key))}
     if not cameras or not all(isinstance(camera, dict) for camera in cameras.values()):
         raise source.error("the file describes no camera; expected cam0 with intrinsics and resolution")
     return cameras
@@ -141,7 +124,8 @@ def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]
     fx, fy, cx, cy = _numbers(entry["intrinsics"])
     width, height = (int(size) for size in _numbers(entry["resolution"]))
     upright, swapped = _off_centre(cx / width, cy / height), _off_centre(cx / height, cy / width)
-    if upright >= 0.5 > swapped or (upright > OFF_CENTRE and swapped < upright / 2):
+    # Hardly any principal point is further from the middle than a tenth of the picture's side.
+    if upright >= 0.5 > swapped or (upright > 0.1 and swapped < upright / 2):
         width, height = height, width
         assumptions.append(
             Assumption("", f"the resolution was swapped to {width}x{height}, which fits the principal point")

@@ -18,26 +18,19 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rsdeblur._util import validate
-from rsdeblur._util.atomic import atomic_write, check_target
+from rsdeblur._util.atomic import atomic_write, check_target, reserve
 from rsdeblur._util.files import checked_path
 from rsdeblur.errors import InputError, OutputError
-from rsdeblur.io import _metadata, _tiff, mapped
+from rsdeblur.io import _tiff
 from rsdeblur.io._exif_block import PREFIX
-from rsdeblur.io._metadata import PNG_IPTC, Metadata, png_iptc
-from rsdeblur.io.pictures import DAMAGE, Picture, fitting_profile
+from rsdeblur.io._metadata import PNG_IPTC, Picture, png_iptc, renewed
+from rsdeblur.io.pictures import DAMAGE
 
 KINDS = {
-    ".jpg": "JPEG",
-    ".jpeg": "JPEG",
-    ".png": "PNG",
-    ".tif": "TIFF",
-    ".tiff": "TIFF",
-    ".webp": "WebP",
+    **{".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".webp": "WebP"},
     ".npy": "NumPy",
 }
 DEPTHS = {"JPEG": (8,), "PNG": (8, 16), "TIFF": (8, 16, 32), "WebP": (8,), "NumPy": (8, 16, 32)}
-# Solvers overshoot white a little; values of another scale exceed it by far.
-OVERSHOOT = 2.0
 
 
 def write_picture(
@@ -99,13 +92,15 @@ def write_picture(
     _check_image(image)
     source = like.pixels if like is not None else image if image.dtype.kind == "u" else None
     depth = _depth(path, kind, source, bits)
-    _check_range(path, image, depth, OVERSHOOT)
+    # Solvers overshoot white a little; values of another scale exceed it by far.
+    _check_range(path, image, depth, 2.0)
     pixels = quantised(image, depth)
     if pixels.ndim == 3 and kind == "JPEG" and pixels.shape[2] in (2, 4):
         pixels = pixels[..., 0] if pixels.shape[2] == 2 else pixels[..., :3]
-    metadata = _metadata_for(like, pixels, kind) if like else Metadata()
+    pixels = np.ascontiguousarray(pixels)
+    picture = renewed(like, pixels, kind) if like else Picture(pixels)
     try:
-        data = encode(kind, np.ascontiguousarray(pixels), metadata)
+        data = encode(kind, picture)
     except DAMAGE as error:
         height, width = pixels.shape[:2]
         raise OutputError(f"{path}: cannot write {width}x{height} pixels as {kind}: {error}") from error
@@ -123,16 +118,25 @@ def picture_to_fill(
     check_writable(path, force=force)
     kind = KINDS[path.suffix.lower()]
     _check_range(path, like.pixels, _depth(path, kind, like.pixels, None))
-    if not in_place or path.suffix.lower() not in mapped.SUFFIXES:
+    if not in_place or kind not in ("TIFF", "NumPy"):
         pixels = np.empty(shape, like.pixels.dtype)
         yield pixels
         write_picture(path, pixels, like=like, force=force)
         return
-    empty = np.broadcast_to(like.pixels.dtype.type(0), shape)
     with atomic_write(path) as file:
-        metadata = _metadata_for(like, empty, kind, is_done=False)
-        with mapped.mapped_samples(file, path.suffix.lower(), shape, like.pixels.dtype, metadata) as out:
-            yield out
+        picture = renewed(like, np.broadcast_to(like.pixels.dtype.type(0), shape), kind, is_done=False)
+        dtype = picture.pixels.dtype
+        if kind == "NumPy":
+            header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
+            np.lib.format.write_array_header_1_0(file, header)
+            offset = file.tell()
+            file.truncate(offset + picture.pixels.nbytes)
+        else:
+            offset = _tiff.write_empty(file, picture)
+        reserve(file)
+        samples = np.memmap(file, dtype, "r+", offset, shape)
+        yield samples
+        samples.flush()
         _set_time(file, like)
 
 
@@ -171,13 +175,6 @@ def check_kind(path: Path) -> None:
         raise OutputError(f"{path}: unknown picture extension {path.suffix!r}; use one of {', '.join(KINDS)}")
 
 
-def _metadata_for(like: Picture, pixels: NDArray[Any], kind: str, *, is_done: bool = True) -> Metadata:
-    """Return the metadata of a result, which gets a thumbnail only if it `is_done`."""
-    icc = fitting_profile(like.icc_profile, pixels, grey=kind != "WebP")
-    old = Metadata(like.exif, icc, like.xmp, like.iptc, like.losses)
-    return _metadata.renewed(old, pixels, kind, transfer=like.transfer, is_done=is_done)
-
-
 def _check_image(image: NDArray[Any]) -> None:
     if isinstance(image, np.ma.MaskedArray):
         raise InputError("image must not be a masked array: choose values for masked elements with .filled()")
@@ -208,9 +205,6 @@ def _depth(path: Path, kind: str, source: NDArray[Any] | None, bits: int | None)
     return bits
 
 
-PNG_HEADER = 33  # Length of the magic number and IHDR; colour profile and metadata may follow.
-
-
 def quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:
     """Return values in [0, 1] as samples of `bits` bits; 32 is float32."""
     if image.dtype.kind == "u":
@@ -226,52 +220,49 @@ def quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:
     return levels
 
 
-def encode(kind: str, pixels: NDArray[Any], metadata: Metadata) -> bytes:
+def encode(kind: str, picture: Picture) -> bytes:
     """Return the file of a picture, with metadata that its format can hold."""
     if kind == "TIFF":
-        return _tiff.encode(pixels, metadata)
+        return _tiff.encode(picture)
     if kind == "PNG":
-        return _encode_png(pixels, metadata)
+        return _encode_png(picture)
+    buffer = BytesIO()
     if kind == "NumPy":
-        buffer = BytesIO()
-        np.save(buffer, pixels, allow_pickle=False)
+        np.save(buffer, picture.pixels, allow_pickle=False)
         return buffer.getvalue()
     options: dict[str, Any] = {"quality": 95, "subsampling": 0}
     if kind == "WebP":
         # The fastest lossless method; the slower ones save 3 % for 3 times the time.
         options = {"lossless": True, "exact": True, "method": 0}
-    blocks = {"exif": metadata.exif, "xmp": metadata.xmp, "icc_profile": metadata.icc_profile}
-    buffer = BytesIO()
-    Image.fromarray(pixels).save(
-        buffer, format=kind, **options, **{name: block for name, block in blocks.items() if block}
-    )
-    data = buffer.getvalue()
-    return with_iptc(data, metadata.iptc) if kind == "JPEG" and metadata.iptc else data
+    elif picture.iptc:
+        options["extra"] = iptc_segment(picture.iptc)
+    blocks = {"exif": picture.exif, "xmp": picture.xmp, "icc_profile": picture.icc_profile}
+    options |= {name: block for name, block in blocks.items() if block}
+    Image.fromarray(picture.pixels).save(buffer, kind, **options)
+    return buffer.getvalue()
 
 
-def _encode_png(pixels: NDArray[Any], metadata: Metadata) -> bytes:
+def _encode_png(picture: Picture) -> bytes:
     # zlib's default, 6, makes photographs 3 % smaller in 3 times the time.
-    data = bytes(imagecodecs.png_encode(pixels, level=2))
+    data = bytes(imagecodecs.png_encode(picture.pixels, level=2))
     extra = b""
-    if metadata.icc_profile:
-        extra += _png_chunk(b"iCCP", b"ICC profile\0\0" + zlib.compress(metadata.icc_profile))
-    if metadata.exif:
-        extra += _png_chunk(b"eXIf", metadata.exif.removeprefix(PREFIX))
-    if metadata.xmp:
-        extra += _png_chunk(b"iTXt", b"XML:com.adobe.xmp" + bytes(5) + metadata.xmp)
-    if metadata.iptc:
-        extra += _png_chunk(b"zTXt", PNG_IPTC.encode() + bytes(2) + zlib.compress(png_iptc(metadata.iptc)))
-    return data[:PNG_HEADER] + extra + data[PNG_HEADER:]
+    if picture.icc_profile:
+        extra += _png_chunk(b"iCCP", b"ICC profile\0\0" + zlib.compress(picture.icc_profile))
+    if picture.exif:
+        extra += _png_chunk(b"eXIf", picture.exif.removeprefix(PREFIX))
+    if picture.xmp:
+        extra += _png_chunk(b"iTXt", b"XML:com.adobe.xmp" + bytes(5) + picture.xmp)
+    if picture.iptc:
+        extra += _png_chunk(b"zTXt", PNG_IPTC.encode() + bytes(2) + zlib.compress(png_iptc(picture.iptc)))
+    header = 33  # bytes of the magic number and IHDR; colour profile and metadata may follow
+    return data[:header] + extra + data[header:]
 
 
 def _png_chunk(name: bytes, body: bytes) -> bytes:
     return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
 
 
-def with_iptc(data: bytes, record: bytes) -> bytes:
-    """Return a JPEG with an IPTC record, in a segment behind its other metadata."""
+def iptc_segment(record: bytes) -> bytes:
+    """Return the segment of a JPEG that holds an IPTC record."""
     body = b"Photoshop 3.0\0" + b"8BIM\x04\x04\0\0" + len(record).to_bytes(4, "big") + record + bytes(len(record) % 2)
-    place = 2  # behind the mark of a JPEG
-    while data[place] == 0xFF and data[place + 1] in range(0xE0, 0xF0):
-        place += 2 + int.from_bytes(data[place + 2 : place + 4], "big")
-    return data[:place] + b"\xff\xed" + (len(body) + 2).to_bytes(2, "big") + body + data[place:]
+    return b"\xff\xed" + (len(body) + 2).to_bytes(2, "big") + body

@@ -15,25 +15,24 @@ import warnings
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any, Literal
+from typing import Any, BinaryIO
 
 import imagecodecs
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from rsdeblur._util import validate
 from rsdeblur._util.files import checked_path, open_file, read_file
-from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import held_at_forks
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io import _heif, _metadata, _raw, _tiff, mapped, untrusted
-from rsdeblur.io._metadata import Metadata
-from rsdeblur.io.source import Source
+from rsdeblur.io import _heif, _raw, _tiff, untrusted
+from rsdeblur.io._metadata import Picture as Picture
+from rsdeblur.io._metadata import fitting_profile, of_image
+from rsdeblur.io.source import Source, mistaken
 
 # The largest phone sensors have 200 megapixels, the largest stitched camera files 400.
 MAX_PIXELS = 500_000_000
@@ -42,8 +41,7 @@ MAX_PIXELS = 500_000_000
 BELIEVED_PIXELS = 64_000_000
 PIXELS_PER_BYTE = 1000
 
-PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
-PNG_DEPTH = 24  # Offset of the bit depth: IHDR is always the first chunk.
+PNG_MAGIC, NPY_MAGIC = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
 
 # Encoders write about ten scans into a progressive picture. Each scan takes as long to decode as a whole picture,
 # but its data may be as short as fifty bytes.
@@ -66,50 +64,6 @@ DAMAGE = (
 )
 
 _limit_lock = held_at_forks(threading.RLock())
-
-
-@one_line()
-@dataclass(frozen=True, slots=True, eq=False)
-class Picture:
-    r"""A picture as stored in a file.
-
-    Parameters
-    ----------
-    pixels : ndarray, shape (H, W) or (H, W, C)
-        Samples: uint8 or uint16 of full range, or float32. C is 2 for grey and alpha, 3 for RGB, 4 for RGB and alpha.
-    exif : bytes, optional
-        The EXIF block, from its ``Exif\0\0`` prefix on.
-    icc_profile : bytes, optional
-        The colour profile.
-    linear : bool, optional
-        Whether the values are proportional to light. By default true for floats and for pictures with the colour
-        profile that raw files get here.
-    xmp : bytes, optional
-        The XMP packet.
-    iptc : bytes, optional
-        The IPTC record.
-    losses : tuple of str, optional
-        Parts of the file that a copy cannot keep, in words, such as gain maps and C2PA manifests.
-    modified_ns : int, optional
-        Time of the file's last change, in ns since 1970.
-    """
-
-    pixels: NDArray[Any]
-    exif: bytes | None = None
-    icc_profile: bytes | None = None
-    linear: bool | None = None
-    xmp: bytes | None = None
-    iptc: bytes | None = None
-    losses: tuple[str, ...] = ()
-    modified_ns: int | None = None
-
-    @property
-    def transfer(self) -> Literal["srgb", "linear"]:
-        """How the values encode light."""
-        linear = self.linear
-        if linear is None:
-            linear = self.pixels.dtype.kind == "f" or self.icc_profile == _raw.linear_profile()
-        return "linear" if linear else "srgb"
 
 
 def read_picture(path: str | os.PathLike[str], *, in_place: bool = False) -> Picture:
@@ -152,23 +106,52 @@ def read_picture(path: str | os.PathLike[str], *, in_place: bool = False) -> Pic
     path = checked_path(path)
     if validate.boolean("in_place", in_place):
         with open_file(path, "picture") as file, _decoding(path):
-            if content := mapped.map_picture(file, MAX_PIXELS):
-                return _picture(*content, path)
+            if picture := _mapped(file):
+                return _of_file(path, picture)
     data = read_file(path, "picture")
     if not data:
         raise FileFormatError(f"{path}: not a picture: the file is empty")
     with _decoding(path):
-        picture = _picture(*_decode(data, path.suffix), path)
+        picture = _of_file(path, _decode(data, path.suffix))
     if not picture.pixels.size:
         raise FileFormatError(f"{path}: the picture has no pixels")
     picture.pixels.setflags(write=False)
     return picture
 
 
-def _picture(pixels: NDArray[Any], metadata: Metadata, path: Path) -> Picture:
-    icc = fitting_profile(metadata.icc_profile, pixels)
-    more = metadata.xmp, metadata.iptc, metadata.losses, path.stat().st_mtime_ns
-    return Picture(pixels, metadata.exif, icc, None, *more)
+def _of_file(path: Path, picture: Picture) -> Picture:
+    """Return a decoded picture without a profile that does not fit, and with the time of its file."""
+    icc = fitting_profile(picture.icc_profile, picture.pixels)
+    return replace(picture, icc_profile=icc, modified_ns=path.stat().st_mtime_ns)
+
+
+def _mapped(file: BinaryIO) -> Picture | None:
+    """Return a picture whose samples are a read-only map of its file; None if they must be decoded."""
+    head, size = file.read(len(NPY_MAGIC)), os.fstat(file.fileno()).st_size
+    file.seek(0)
+    if head == NPY_MAGIC:
+        return Picture(np.memmap(file, mode="r", **_npy_place(file, size)))
+    return _tiff.mapped(file, size) if head.startswith(_tiff.MAGIC) else None
+
+
+def _npy_place(file: BinaryIO, size: int) -> dict[str, Any]:
+    """Return offset, dtype and shape of the samples in a NumPy file of `size` bytes."""
+    version = np.lib.format.read_magic(file)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran, dtype = read_header(file)
+    is_picture = len(shape) in (2, 3) and all(shape) and (len(shape) == 2 or shape[2] in (2, 3, 4))
+    if not is_picture or fortran or dtype not in (np.uint8, np.uint16, np.float32):
+        order = " in Fortran order" if fortran else ""
+        raise _tiff.Unsupported(
+            f"the array has shape {shape} and type {dtype}{order}; a picture is not empty, and has shape (H, W) "
+            "or (H, W, C) with C = 2, 3 or 4 and type uint8, uint16 or float32, in C order"
+        )
+    if shape[0] * shape[1] > MAX_PIXELS:
+        raise _tiff.Unsupported(f"the picture claims {shape[1]}x{shape[0]} pixels; the limit is {MAX_PIXELS}")
+    offset = file.tell()
+    if offset + int(np.prod(shape)) * dtype.itemsize > size:
+        raise EOFError("the file ends within the samples")
+    return {"offset": offset, "dtype": dtype, "shape": shape}
 
 
 @contextmanager
@@ -177,9 +160,6 @@ def _decoding(path: Path) -> Iterator[None]:
     try:
         yield
     except UnidentifiedImageError:
-        # Imported here because it imports the readers of all kinds.
-        from rsdeblur.io.kinds import mistaken
-
         source = Source(path, "picture")
         if is_picture(source):
             raise FileFormatError(f"{path}: the picture is truncated or damaged: its header cannot be read") from None
@@ -201,7 +181,7 @@ def is_picture(source: Source) -> bool:
         head.startswith((b"\xff\xd8\xff", PNG_MAGIC, *_tiff.MAGIC, *_raw.MAGIC))
         or (head[:4], head[8:12]) == (b"RIFF", b"WEBP")
         or head[4:12] == b"ftypcrx "
-        or head.startswith(mapped.NPY_MAGIC)
+        or head.startswith(NPY_MAGIC)
         or _heif.is_heif(head)
     )
 
@@ -237,7 +217,7 @@ def _size_limit(pixels: int = MAX_PIXELS) -> Iterator[None]:
             Image.MAX_IMAGE_PIXELS = saved
 
 
-def _decode(data: bytes, suffix: str) -> tuple[NDArray[Any], Metadata]:
+def _decode(data: bytes, suffix: str) -> Picture:
     limit = min(MAX_PIXELS, max(BELIEVED_PIXELS, PIXELS_PER_BYTE * len(data)))
     if _raw.is_raw(data, suffix):
         return _raw.decode(data, limit)
@@ -245,21 +225,21 @@ def _decode(data: bytes, suffix: str) -> tuple[NDArray[Any], Metadata]:
         return _heif.decode(data, limit)
     if data.startswith(_tiff.MAGIC):
         return _tiff.decode(data, min(limit, max(_tiff.BELIEVED_PIXELS, PIXELS_PER_BYTE * len(data))))
-    if data.startswith(mapped.NPY_MAGIC):
-        return mapped.decode_npy(data, MAX_PIXELS), Metadata()
+    if data.startswith(NPY_MAGIC):
+        return Picture(np.ndarray(buffer=data, **_npy_place(BytesIO(data), len(data))).copy())
     if data.startswith(JPEG_START):
         check_scans(data)
     with _size_limit(limit):
         image = Image.open(BytesIO(data), formats=("JPEG", "PNG", "WEBP"))
     with image:
         image.load()
-        if image.format == "PNG" and data[PNG_DEPTH] == 16:
-            # Pillow reduces 16-bit colour to 8 bit.
+        # Pillow reduces 16-bit colour to 8 bit. IHDR, with the bit depth at byte 24, is always the first chunk.
+        if image.format == "PNG" and data[24] == 16:
             untrusted.check("16-bit PNG", "imagecodecs")
             pixels = imagecodecs.png_decode(data)
         else:
             pixels = np.array(_with_plain_mode(image))
-        return pixels, _metadata.of_image(image, data)
+        return of_image(image, data, pixels)
 
 
 def check_scans(data: bytes) -> None:
@@ -281,9 +261,3 @@ def _with_plain_mode(image: Image.Image) -> Image.Image:
     grey = image.mode in ("1", "L", "LA", "La")
     mode = ("LA" if grey else "RGBA") if image.has_transparency_data else ("L" if grey else "RGB")
     return image if image.mode == mode else image.convert(mode)
-
-
-def fitting_profile(icc: bytes | None, pixels: NDArray[Any], *, grey: bool = True) -> bytes | None:
-    """Return the profile if its colour space (bytes 16 to 20) is that of `pixels`; `grey`: the file can be grey."""
-    space = b"GRAY" if grey and (pixels.ndim == 2 or pixels.shape[2] == 2) else b"RGB "
-    return icc if icc and icc[16:20] == space else None

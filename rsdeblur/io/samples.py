@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import pi
-from typing import Any, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,98 +14,93 @@ from numpy.typing import NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
-from rsdeblur.io.columns import SPACING
+from rsdeblur.io.columns import ACCELERATION, RATE, SPACING, Quantity
 from rsdeblur.io.text import INT64_LIMIT, Table, line_error
 from rsdeblur.motion.acceleration import AccelerationLog
 from rsdeblur.motion.gyro import LARGEST_RATE, GyroLog
 from rsdeblur.types import FloatArray
 
-# rad/s in each unit of rate that a log may use.
-RATE_UNITS = {"rad/s": 1.0, "deg/s": pi / 180, "mrad/s": 1e-3, "mdeg/s": pi / 180e3}
-
 # The frame of the rates: a phone's (x right, y up, z out of the screen, whichever app wrote them), Gyroflow's (x up,
 # y left, z back), or the sensor's own, which only its owner knows.
 Axes = Literal["phone", "gyroflow", "sensor"]
 
-# Hz. Gyros sample at 20 Hz to 8 kHz; beyond these bounds timestamps are rather in another unit, by a factor of 1000.
-LEAST_RATE, MOST_RATE = 5.0, 50_000.0
-
-# Samples that come late by up to ten intervals, at most one in a hundred, are harmless delays. Anything else is another
-# recording or a broken clock, which sorting would hide.
-LATE_INTERVALS = 10
-LATE_SHARE = 0.01
-
 # m/s^2. At rest an accelerometer shows gravity, in nearly every sample; a gyro does not.
 GRAVITY = 9.80665
-# m/s^2 in each unit of acceleration that a log may use.
-ACCELERATION_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}
 
 Log = TypeVar("Log", GyroLog, AccelerationLog)
 ErrorAt = Callable[[str, int], FileFormatError]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Samples:
-    """Samples as they are in a file.
+class Sensor(Generic[Log]):
+    """What a log is of: its name and that of its values, their columns, their units (in rad/s or m/s^2), their type.
 
-    Parameters
-    ----------
-    ns : ndarray of int64, shape (n,), or None
-        Timestamps in ns; None if the file contains none.
-    values : ndarray, shape (n, 3)
-        Rates or accelerations as in the file, in `unit`.
-    error_at : callable
-        Returns the error for a message about sample i.
-    unit : str
-        One of `RATE_UNITS` or `ACCELERATION_UNITS`.
-    axes : {"phone", "gyroflow", "sensor"}
-        The frame of the values after `turn`.
-    turn : ndarray, shape (3, 3), optional
-        Rotation from the file's axes to `axes`.
-    time_unit : str
-        Unit of the timestamps in the file, for reports.
-    facts : mapping
-        Other content of the file, for reports.
-    cautions : sequence of str
-        Reasons to distrust the log; each becomes a warning.
+    The first unit is that of files that name none.
     """
 
+    what: str
+    values: str
+    quantity: Quantity
+    units: Mapping[str, float]
+    make: Callable[[FloatArray, FloatArray, int], Log]
+
+    @property
+    def unit(self) -> str:
+        """Unit of files that name none."""
+        return next(iter(self.units))
+
+
+GYRO = Sensor(
+    "gyro log", "rates", RATE, {"rad/s": 1.0, "deg/s": pi / 180, "mrad/s": 1e-3, "mdeg/s": pi / 180e3}, GyroLog
+)
+ACCELEROMETER = Sensor(
+    "log of an accelerometer",
+    "accelerations",
+    ACCELERATION,
+    {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY},
+    AccelerationLog,
+)
+AnySensor = Sensor[GyroLog] | Sensor[AccelerationLog]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Samples as they are in a file."""
+
     ns: NDArray[np.int64] | None
+    """Timestamps in ns, shape (n,); None if the file contains none."""
     values: FloatArray
+    """Rates or accelerations in `unit`, shape (n, 3)."""
     error_at: ErrorAt
+    """Returns the error for a message about sample i."""
     unit: str = "rad/s"
     axes: Axes = "phone"
+    """The frame of the values after `turn`, the rotation from the file's axes."""
     turn: FloatArray | None = None
     time_unit: str = "ns"
+    """Unit of the timestamps in the file, for reports."""
     facts: Mapping[str, Any] = field(default_factory=dict)
+    """Other content of the file, for reports."""
     cautions: Sequence[str] = ()
+    """Reasons to distrust the log; each becomes a warning."""
 
 
 @one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroFile:
-    """A gyro log with the other content of its file.
-
-    Parameters
-    ----------
-    log : GyroLog
-        The samples, in rad/s.
-    format : str
-        Name of the file's format.
-    axes : {"phone", "gyroflow", "sensor"}
-        The frame of the rates: a phone's, Gyroflow's, or one that the file does not name.
-    time_unit, rate_unit : str
-        Units in the file.
-    facts : mapping
-        Other content of the file: readout time, device, clock offsets.
-    """
+    """A gyro log with the other content of its file."""
 
     log: GyroLog
+    """The samples, in rad/s."""
     format: str
+    """Name of the file's format."""
     axes: Axes
+    """The frame of the rates: a phone's, Gyroflow's, or one that the file does not name."""
     time_unit: str
     rate_unit: str
+    """Units in the file."""
     facts: Mapping[str, Any]
+    """Other content of the file: readout time, device, clock offsets."""
 
 
 def table_samples(table: Table, ns: NDArray[np.int64] | None, *, scale: float = 1.0, **fields: Any) -> Samples:
@@ -127,60 +122,59 @@ def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64
 
 
 def finish(
-    samples: Samples, format: str, unit: str | None, rate: float | None, error: Callable[[str], FileFormatError]
-) -> GyroFile:
-    """Make the log: scale the rates, repair what is harmless, refuse what is not."""
+    samples: Samples, sensor: Sensor[Log], unit: str | None, rate: float | None, error: Callable[[str], FileFormatError]
+) -> Log:
+    """Make the log: repair what is harmless, refuse what is not, scale the values."""
     if unit is not None:
-        validate.choice("unit", unit, RATE_UNITS)
+        validate.choice("unit", unit, sensor.units)
     unit = unit or samples.unit
-    _check_values(samples, "rates", unit, error)
-    t, rates, epoch, repairs = ordered(_timestamps(samples, rate, error), samples)
-    if RATE_UNITS[unit] != 1:
-        rates = rates * RATE_UNITS[unit]
-    if np.mean(np.abs(_magnitudes(rates) - GRAVITY) < 0.5) > 0.9:
-        raise error(
-            "these look like the samples of an accelerometer at rest (9.8 m/s^2), not of a gyro; "
-            "give the gyro's file, or the unit if it is not rad/s"
-        )
-    log = _made(GyroLog, t, rates, epoch, samples, error)
-    for caution in (*samples.cautions, *repairs, *_doubts_of_rate(log, samples)):
+    _check_values(samples, sensor.values, unit, error)
+    t, values, epoch, repairs = ordered(_timestamps(samples, rate, error), samples)
+    if sensor.units[unit] != 1:
+        values = values * sensor.units[unit]
+    sizes: FloatArray = np.sqrt(np.einsum("ij,ij->i", values, values))
+    if sensor.values == "rates":
+        if np.mean(np.abs(sizes - GRAVITY) < 0.5) > 0.9:
+            raise error(
+                "these look like the samples of an accelerometer at rest (9.8 m/s^2), not of a gyro; "
+                "give the gyro's file, or the unit if it is not rad/s"
+            )
+    else:
+        _check_gravity(float(np.median(sizes)), sensor.units, unit, error)
+    try:
+        log = sensor.make(t, values, epoch)
+    except InputError as reason:
+        raise samples.error_at(str(reason), 0) if len(t) < 2 else error(str(reason)) from reason
+    of_force = [f"accelerometer: {repair}" for repair in repairs]
+    for caution in _cautions(log.rate, samples, repairs) if sensor.values == "rates" else of_force:
         warnings.warn(str(error(caution)), RsdeblurWarning, stacklevel=3)
-    return GyroFile(log, format, samples.axes, samples.time_unit, unit, samples.facts)
+    return log
 
 
-def _doubts_of_rate(log: GyroLog, samples: Samples) -> list[str]:
-    """Return a sentence if the timestamps are probably in another unit than the file names."""
-    if LEAST_RATE <= log.rate <= MOST_RATE:
-        return []
+def _cautions(rate: float, samples: Samples, repairs: list[str]) -> list[str]:
+    """Return reasons to distrust a gyro log."""
+    found = [*samples.cautions, *repairs]
+    # Gyros sample at 20 Hz to 8 kHz; beyond these bounds timestamps are rather in another unit, by a factor of 1000.
+    if 5.0 <= rate <= 50_000.0:
+        return found
     return [
-        f"the timestamps in {samples.time_unit} mean a sampling rate of {log.rate:.3g} Hz, but a gyro's is 20 to 8000 "
-        "Hz; is the unit of time right?"
+        *found,
+        f"the timestamps in {samples.time_unit} mean a sampling rate of {rate:.3g} Hz, but a gyro's is 20 to 8000 "
+        "Hz; is the unit of time right?",
     ]
 
 
-def finish_acceleration(samples: Samples, unit: str | None, error: Callable[[str], FileFormatError]) -> AccelerationLog:
-    """Make the log of an accelerometer, as `finish` makes that of a gyro."""
-    if unit is not None:
-        validate.choice("unit", unit, ACCELERATION_UNITS)
-    unit = unit or samples.unit
-    _check_values(samples, "accelerations", unit, error)
-    t, forces, epoch, repairs = ordered(_timestamps(samples, None, error), samples)
-    size = float(np.median(_magnitudes(forces))) * ACCELERATION_UNITS[unit]
-    if not 0.5 * GRAVITY < size < 1.5 * GRAVITY:
-        fits = [
-            name
-            for name, factor in ACCELERATION_UNITS.items()
-            if 0.5 < size / ACCELERATION_UNITS[unit] * factor / GRAVITY < 1.5
-        ]
-        raise error(
-            f"an accelerometer shows gravity, 9.8 m/s^2, but the median of these samples is {size:.3g} m/s^2 "
-            f"(read as {unit}); "
-            + (f"they look like {fits[0]}: give the unit" if fits else "is gravity already removed from them?")
-        )
-    log = _made(AccelerationLog, t, forces * ACCELERATION_UNITS[unit], epoch, samples, error)
-    for repair in repairs:
-        warnings.warn(str(error(f"accelerometer: {repair}")), RsdeblurWarning, stacklevel=3)
-    return log
+def _check_gravity(size: float, units: Mapping[str, float], unit: str, error: Callable[[str], FileFormatError]) -> None:
+    """Raise `FileFormatError` if the median of an accelerometer, in m/s^2 by `unit`, is not gravity."""
+    if 0.5 < size / GRAVITY < 1.5:
+        return
+    fits = (name for name, factor in units.items() if 0.5 < size / units[unit] * factor / GRAVITY < 1.5)
+    likely = next(fits, None)
+    raise error(
+        f"an accelerometer shows gravity, 9.8 m/s^2, but the median of these samples is {size:.3g} m/s^2 "
+        f"(read as {unit}); "
+        + (f"they look like {likely}: give the unit" if likely else "is gravity already removed from them?")
+    )
 
 
 def _check_values(samples: Samples, what: str, unit: str, error: Callable[[str], FileFormatError]) -> None:
@@ -193,11 +187,6 @@ def _check_values(samples: Samples, what: str, unit: str, error: Callable[[str],
         raise samples.error_at(f"impossible {what}: {values[i].tolist()} {unit}; is the unit right?", i)
 
 
-def _magnitudes(values: FloatArray) -> FloatArray:
-    magnitudes: FloatArray = np.sqrt(np.einsum("ij,ij->i", values, values))
-    return magnitudes
-
-
 def ordered(ns: NDArray[np.int64], samples: Samples) -> tuple[FloatArray, FloatArray, int, list[str]]:
     """Return times in s, values in their final axes, the first timestamp in ns, and a note of each repair."""
     ns, values, repairs = _repaired(ns, samples)
@@ -206,20 +195,6 @@ def ordered(ns: NDArray[np.int64], samples: Samples) -> tuple[FloatArray, FloatA
     # Ordered int64 differ by at most 2**64 - 1: unsigned, the difference cannot overflow.
     t = (ns.view(np.uint64) - ns[:1].view(np.uint64)).astype(np.float64) * 1e-9
     return t, values, int(ns[0]), repairs
-
-
-def _made(
-    kind: Callable[[FloatArray, FloatArray, int], Log],
-    t: FloatArray,
-    values: FloatArray,
-    epoch_ns: int,
-    samples: Samples,
-    error: Callable[[str], FileFormatError],
-) -> Log:
-    try:
-        return kind(t, values, epoch_ns)
-    except InputError as reason:
-        raise samples.error_at(str(reason), 0) if len(t) < 2 else error(str(reason)) from reason
 
 
 def _timestamps(samples: Samples, rate: float | None, error: Callable[[str], FileFormatError]) -> NDArray[np.int64]:
@@ -270,7 +245,9 @@ def _late(ns: NDArray[np.int64], error_at: ErrorAt) -> int:
     # In floats, because differences of arbitrary timestamps may overflow.
     interval = float(np.median(np.abs(np.diff(ns.astype(np.float64)))))
     delay = float((latest[late].astype(np.float64) - ns[late]).max())
-    if late.size > max(1, LATE_SHARE * len(ns)) or delay > LATE_INTERVALS * interval:
+    # Samples that come late by up to ten intervals, at most one in a hundred, are harmless delays. Anything else is
+    # another recording or a broken clock, which sorting would hide.
+    if late.size > max(1, 0.01 * len(ns)) or delay > 10 * interval:
         raise error_at(
             f"{before}; the samples are too disordered to sort them safely; they may come from several recordings, or "
             "from a clock that was set back",

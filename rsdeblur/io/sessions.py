@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,17 +16,8 @@ from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import CaptureFile, open_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.picture_output import KINDS
-from rsdeblur.types import FloatArray
 
-# Accelerometer and magnetometer are logged in the same format, so the name has to decide.
-LOG_NAMES = ("gyro", "imu")
-TABLES = (".csv", ".txt")
 PHOTOS = (*KINDS, ".heic", ".dng")
-# A number in a photo's name is a timestamp in ns from here on; a smaller one is a frame number.
-LEAST_TIMESTAMP = 10**9
-# Largest distance of a photo's timestamp from its capture, in intervals between captures: MARS logger cuts them to us.
-NEAR = 0.5
-LONE_INTERVAL = 1e8  # ns, assumed where there is one capture only
 UNNUMBERED = "its name contains neither a timestamp nor a frame number"
 
 
@@ -40,17 +32,7 @@ class SessionPhoto:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """Contents of a logger's folder.
-
-    Parameters
-    ----------
-    gyro, capture : Path
-        The gyro log, and the file of the exposures or at least of their timestamps.
-    camera : Path or None
-        The camera file, if the folder contains exactly one.
-    photos : list of SessionPhoto
-        The photos, sorted by name.
-    """
+    """Files of a logger's folder: log, exposures or their timestamps, the only camera file, photos sorted by name."""
 
     gyro: Path
     capture: Path
@@ -80,7 +62,7 @@ def open_session(
     else:
         file = open_captures(capture)
     photos = photos_in(folder, files)
-    matched = _matched(photos, file.timestamps, encoded_timestamps(capture), numbered_from)
+    matched = _matched(photos, capture, file.timestamps, numbered_from)
     if all(photo.error == UNNUMBERED for photo in matched):
         raise FileFormatError(
             f"{folder}: the names of the {len(photos)} photos contain neither timestamps nor frame numbers, so their "
@@ -117,30 +99,24 @@ def photos_in(folder: Path, files: list[Path]) -> list[Path]:
 
 def gyro_log_in(folder: Path, files: list[Path]) -> Path:
     """Return the gyro log among the files of a folder; `FileFormatError` if it is missing."""
-    for word in LOG_NAMES:
-        for path in files:
-            if word in path.name.lower() and path.suffix.lower() in TABLES and _is_log(path):
-                return path
+    # Accelerometer and magnetometer are logged in the same format, so the name has to decide.
+    named = [path for word in ("gyro", "imu") for path in _tables(files) if word in path.name.lower()]
+    for path in named:
+        with suppress(FileFormatError):
+            detect_gyro_format(path)
+            return path
     raise FileFormatError(f"{folder}: no gyro log in the folder (a .csv or .txt named like gyro or imu); give --gyro")
 
 
-def _is_log(path: Path) -> bool:
-    try:
-        return bool(detect_gyro_format(path))
-    except FileFormatError:
-        return False
-
-
-def _captures_in(path: Path) -> CaptureFile | None:
-    try:
-        return open_captures(path)
-    except FileFormatError:
-        return None
+def _tables(files: list[Path]) -> list[Path]:
+    return [path for path in files if path.suffix.lower() in (".csv", ".txt")]
 
 
 def _captures(folder: Path, files: list[Path]) -> tuple[Path, CaptureFile]:
-    tables = [path for path in files if path.suffix.lower() in TABLES]
-    candidates = [(path, file) for path in tables if (file := _captures_in(path)) is not None]
+    candidates = []
+    for path in _tables(files):
+        with suppress(FileFormatError):
+            candidates.append((path, open_captures(path)))
     if not candidates:
         raise FileFormatError(
             f"{folder}: no capture file in the folder (movie_metadata.csv, ..._timestamps.csv or images.txt); "
@@ -167,45 +143,45 @@ def nearest_captures(timestamps: list[int], times: Iterable[int]) -> list[int]:
     return places
 
 
-def _matched(
-    photos: Iterable[Path], timestamps: list[int], encoded: list[int] | None, numbered_from: int | None
-) -> list[SessionPhoto]:
-    # Relative to the first timestamp, float64 represents them exactly.
-    origin = timestamps[0]
-    captures = np.array([timestamp - origin for timestamp in timestamps], dtype=np.float64)
-    frames = timestamps if encoded is None else encoded
-    numbers = {path: int(digits[-1]) for path in photos if (digits := re.findall(r"\d+", path.stem))}
-    counted = {number for number in numbers.values() if number < LEAST_TIMESTAMP}
-    if numbered_from is None:
-        numbered_from = 0 if 0 in counted else 1 if len(frames) in counted else None
-    matched = []
-    for path in photos:
-        number = numbers.get(path)
-        if number is None:
-            matched.append(SessionPhoto(path, None, UNNUMBERED))
-        elif number >= LEAST_TIMESTAMP:
-            matched.append(_nearest(path, number - origin, captures))
-        elif numbered_from is None:
-            matched.append(SessionPhoto(path, None, "is the first frame number 0 or 1? give --numbered-from 0 or 1"))
-        elif not 0 <= number - numbered_from < len(frames):
-            last = numbered_from + len(frames) - 1
-            matched.append(
-                SessionPhoto(path, None, f"there is no frame {number}; the frames are {numbered_from} to {last}")
-            )
-        else:
-            matched.append(_nearest(path, frames[number - numbered_from] - origin, captures))
-    return matched
-
-
 def indices_of(photos: list[Path], capture: Path, *, numbered_from: int | None = None) -> list[SessionPhoto]:
     """Return the exposure of each photo in a capture file, by the timestamps or frame numbers in the photos' names."""
-    return _matched(photos, open_captures(capture).timestamps, encoded_timestamps(capture), numbered_from)
+    return _matched(photos, capture, open_captures(capture).timestamps, numbered_from)
 
 
-def _nearest(path: Path, time: int, captures: FloatArray) -> SessionPhoto:
-    distance = np.abs(captures - time)
-    index = int(distance.argmin())
-    interval = float(np.median(np.diff(captures))) if len(captures) > 1 else LONE_INTERVAL
-    if distance[index] > NEAR * interval:
-        return SessionPhoto(path, None, f"the nearest capture is {1e-6 * distance[index]:.1f} ms away")
-    return SessionPhoto(path, index)
+def _matched(photos: list[Path], capture: Path, timestamps: list[int], numbered_from: int | None) -> list[SessionPhoto]:
+    frames = encoded_timestamps(capture) or timestamps
+    numbers = {path: int(digits[-1]) for path in photos if (digits := re.findall(r"\d+", path.stem))}
+    # A smaller number is a frame number, a larger one a timestamp in ns.
+    least_timestamp = 10**9
+    counted = {number for number in numbers.values() if number < least_timestamp}
+    if numbered_from is None:
+        numbered_from = 0 if 0 in counted else 1 if len(frames) in counted else None
+
+    def time_of(path: Path) -> int | str:
+        """Return the timestamp of a photo, or the reason why it is unknown."""
+        if path not in numbers:
+            return UNNUMBERED
+        if (number := numbers[path]) >= least_timestamp:
+            return number
+        if numbered_from is None:
+            return "is the first frame number 0 or 1? give --numbered-from 0 or 1"
+        if not 0 <= number - numbered_from < len(frames):
+            return f"there is no frame {number}; the frames are {numbered_from} to {numbered_from + len(frames) - 1}"
+        return frames[number - numbered_from]
+
+    times = {path: time_of(path) for path in photos}
+    known = {path: time for path, time in times.items() if isinstance(time, int)}
+    nearest = dict(zip(known, nearest_captures(timestamps, known.values()), strict=True))
+    origin = timestamps[0]
+    # ns; 0.1 s where there is one capture only.
+    interval = float(np.median(np.diff([time - origin for time in timestamps]))) if len(timestamps) > 1 else 1e8
+    matched = []
+    for path, time in times.items():
+        if isinstance(time, str):
+            matched.append(SessionPhoto(path, None, time))
+        # MARS logger cuts timestamps to us.
+        elif (distance := abs(time - timestamps[nearest[path]])) > 0.5 * interval:
+            matched.append(SessionPhoto(path, None, f"the nearest capture is {1e-6 * distance:.1f} ms away"))
+        else:
+            matched.append(SessionPhoto(path, nearest[path]))
+    return matched

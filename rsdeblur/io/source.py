@@ -4,44 +4,35 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Sequence
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from rsdeblur._util import validate
 from rsdeblur._util.files import checked_path, open_file, read_file
-from rsdeblur.errors import FileFormatError
+from rsdeblur.errors import FileFormatError, InputError
+from rsdeblur.io.columns import RATE, named_columns
 from rsdeblur.io.text import TextFile
 
 # Bytes that are enough to recognise any format by its start.
 HEAD = 4096
-# Numbers compress to a third or a tenth of their size, those of a phone that lies still to less. Data that claim to
-# unpack to more than this many times their size are a decompression bomb, unless the result is small (bytes).
-UNPACKED, SMALL = 100, 2**26
 
 
 def unpacked_limit(packed: int) -> int:
-    """Return the number of bytes that `packed` bytes may unpack to."""
-    return max(UNPACKED * packed, SMALL)
+    """Return the number of bytes that `packed` bytes may unpack to; more is a decompression bomb.
+
+    Numbers compress to a third or a tenth of their size, those of a phone that lies still to less.
+    """
+    return max(100 * packed, 2**26)
 
 
 class Source:
-    """A file, or a member of an archive.
+    """A file, expected to be a `what`, or a member of an archive with this content.
 
-    Parameters
-    ----------
-    path : path-like
-        Its path, for reading and for messages.
-    what : str
-        The kind of file expected, for messages.
-    content : bytes, optional
-        Its content, if it is a member of an archive.
-
-    Raises
-    ------
-    FileFormatError
-        If it cannot be read.
+    Raises `FileFormatError` if the file cannot be read.
     """
 
     def __init__(self, path: str | os.PathLike[str], what: str, content: bytes | None = None) -> None:
@@ -100,6 +91,18 @@ class Source:
         except (ValueError, RecursionError) as error:
             raise self.error(f"not JSON, or cut off: {error}") from error
 
+    @contextmanager
+    def parsing(self, what: str) -> Iterator[None]:
+        """Turn the errors of a parser that trusts the content into one that names the file and its damaged part."""
+        try:
+            yield
+        except FileFormatError:
+            raise
+        except InputError as error:
+            raise self.error(f"{what}: {error}") from error
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError, struct.error) as error:
+            raise self.error(f"{what}: damaged or incomplete, {error!r}") from error
+
     def error(self, message: str) -> FileFormatError:
         """Return an error that names the file."""
         return FileFormatError(f"{self.path}: {message}")
@@ -110,25 +113,17 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Format(Generic[T]):
-    """One file format.
+    """One file format: its name, by which users choose it, its title for messages, and how it is found and read.
 
-    Parameters
-    ----------
-    name : str
-        Name by which users choose the format.
-    title : str
-        Description, for lists and messages.
-    sniff : callable
-        Returns whether the content looks like this format. It reads the start (or the end) only and raises nothing but
-        `FileFormatError`, which means no.
-    read : callable
-        Reads the file or raises `FileFormatError`.
+    `sniff` returns whether the content looks like this format. It reads the start (or the end) only and raises nothing
+    but `FileFormatError`, which means no. `read` reads the file, with the user's choices in further arguments, or
+    raises `FileFormatError`.
     """
 
     name: str
     title: str
     sniff: Callable[[Source], bool]
-    read: Callable[[Source], T]
+    read: Callable[..., T]
 
     def fits(self, source: Source) -> bool:
         """Whether the content looks like this format."""
@@ -145,6 +140,30 @@ def text_format(name: str, title: str, sniff: Callable[[TextFile], bool], read: 
     )
 
 
+class Kind(NamedTuple):
+    """A kind of file: its name, what to do with such a file, and its formats, the likeliest first."""
+
+    name: str
+    advice: str
+    formats: Sequence[Format[Any]]
+
+
+# The registry of kinds; `rsdeblur.io`, which imports the formats of all kinds, fills it.
+KINDS: list[Kind] = []
+
+
+def mistaken(source: Source) -> FileFormatError | None:
+    """Return the error for a file that looks like another kind than `source.what`; None if it looks like none."""
+    for kind in KINDS:
+        fits = (each for each in kind.formats if each.fits(source)) if kind.name != source.what else iter(())
+        if (format := next(fits, None)) is not None:
+            title = f" ({format.title})" if format.title != kind.name else ""
+            rates = source.what == "gyro log" and source.looks_like_text and named_columns(source.text, RATE.bare)
+            more = ", or if x, y and z are rates, add --gyro-format plain" if rates else ""
+            return source.error(f"not a {source.what}: it looks like a {kind.name}{title}; {kind.advice}{more}")
+    return None
+
+
 def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None, *, advice: str = "") -> Format[T]:
     """Return the format called `name`; without a name, the first whose `sniff` accepts the content."""
     known = "; ".join(f"{each.name} ({each.title})" for each in formats)
@@ -157,9 +176,6 @@ def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None
     for each in formats:
         if each.fits(source):
             return each
-    # Imported here because it imports the formats of all kinds.
-    from rsdeblur.io.kinds import mistaken
-
     if (error := mistaken(source)) is not None:
         raise error
     if source.looks_like_json and b"{" in source.head:

@@ -23,19 +23,10 @@ NUMBER = re.compile(r"\s*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 
 INT64_LIMIT = 2**63
-# Relative error of a timestamp times a unit in float64: both are rounded, and the product is too, 2**-53 each.
-ROUNDING = 2.0**-51
 # The names of the columns are among the first lines; some apps write a few lines about the recording above them.
 PREAMBLE = 20
 # Characters of the longest line that may name columns or contain dates: a ROS topic with all its covariances has 1500.
 HEADER_WIDTH = 4096
-# Characters searched in a file that is not a table, such as a camera's.
-START = 2**20
-# Rows searched for decimal commas: a number without a fraction has none, but hardly all numbers of 50 rows are such.
-COMMA_ROWS = 50
-# Timestamps that are converted at a time, to bound memory.
-BLOCK = 2**16
-UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 # First bytes of files that contain a log, but not as text.
 PACKED = {
     b"\x1f\x8b": "compressed (gzip); unpack it",
@@ -52,7 +43,6 @@ PACKED = {
 ISO_TIMESTAMP = re.compile(
     r'(?<![^\s,;|"])(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?(Z|[+-]\d\d:\d\d)(?![^\s,;|"])', re.ASCII
 )
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*", re.ASCII)
 
 Rows = NDArray[np.intp]
@@ -60,30 +50,21 @@ Rows = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TextFile:
-    """A text file in memory.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for messages.
-    lines : list of str
-        All lines, without line breaks.
-    rows : ndarray of intp
-        0-based numbers of the lines that are neither blank nor comments (``#``); at least one.
-    start : str
-        The first `START` characters.
-    """
+    """A text file in memory."""
 
     path: Path
     lines: list[str]
+    """All lines, without line breaks."""
     rows: Rows
+    """0-based numbers of the lines that are neither blank nor comments (``#``); at least one."""
     start: str
+    """The first million characters, for searches in files that are not tables."""
 
     @classmethod
     def parse(cls, path: Path, data: bytes, what: str) -> TextFile:
         """Decode the content of `path`; messages call it a `what`."""
         try:
-            text = data.decode("utf-16" if data.startswith(UTF16_MARKS) else "utf-8-sig")
+            text = data.decode("utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig")
         except UnicodeDecodeError:
             text = "\0"
         if "\0" in text:
@@ -97,11 +78,12 @@ class TextFile:
         rows = np.flatnonzero(np.fromiter((line.lstrip()[:1] not in ("", "#") for line in lines), bool))
         if not len(rows):
             raise FileFormatError(f"{path}: not a {what}: the file is empty{' but for comments' * ('#' in text)}")
-        start = text[:START]
+        start = text[: 2**20]
         if ISO_TIMESTAMP.search(lines[rows[len(rows) // 2]][:HEADER_WIDTH]):
             text = ISO_TIMESTAMP.sub(_unix_timestamp, text)
             lines = text.split("\n")
-        if any(_has_decimal_commas(lines[row]) for row in spread(rows, COMMA_ROWS)):
+        # A number without a fraction has no comma, but hardly all numbers of 50 rows are such.
+        if any(_has_decimal_commas(lines[row]) for row in spread(rows, 50)):
             text = text.replace(",", ".")
             lines = text.split("\n")
         file = cls(path, lines, rows, start)
@@ -151,27 +133,17 @@ def line_error(path: Path, message: str, row: int | np.intp | None = None) -> Fi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """Stamped samples of a text file.
-
-    Parameters
-    ----------
-    text : TextFile
-        The file.
-    rows : ndarray of intp, shape (n,)
-        Lines of the samples, counted from 0.
-    timestamps : ndarray, shape (n,)
-        In the file's own unit: int64 if all are whole numbers that fit, else float64.
-    values : ndarray of float64, shape (n, k)
-        Finite.
-    timestamp_cells : callable
-        Returns the timestamps of some samples as they are written.
-    """
+    """Stamped samples of a text file."""
 
     text: TextFile
     rows: Rows
+    """Lines of the n samples, counted from 0."""
     timestamps: NDArray[Any]
+    """In the file's own unit, shape (n,): int64 if all are whole numbers that fit, else float64."""
     values: FloatArray
+    """Finite, shape (n, k)."""
     timestamp_cells: Callable[[Rows], list[str]]
+    """Returns the timestamps of some samples as they are written."""
 
     def check_range(self, unit: Decimal) -> None:
         """Raise `FileFormatError` at the first timestamp that does not fit int64 nanoseconds; `unit` is in ns."""
@@ -189,12 +161,14 @@ class Table:
         if whole and unit == int(unit):
             return self.timestamps * np.int64(int(unit))
         ns = np.empty(len(self.timestamps), np.int64)
-        for i in range(0, len(ns), BLOCK):
-            products = self.timestamps[i : i + BLOCK] * float(unit)
+        block = 2**16  # bounds memory
+        for i in range(0, len(ns), block):
+            products = self.timestamps[i : i + block] * float(unit)
             nearest = np.rint(products)
-            ns[i : i + BLOCK] = nearest
-            # Float64 decides all but large timestamps, and those close to a half.
-            (unsure,) = np.nonzero(0.5 - np.abs(products - nearest) <= ROUNDING * np.abs(products))
+            ns[i : i + block] = nearest
+            # Float64 decides all but large timestamps, and those close to a half. Timestamp, unit and product are
+            # rounded, by 2**-53 each.
+            (unsure,) = np.nonzero(0.5 - np.abs(products - nearest) <= 2.0**-51 * np.abs(products))
             if unsure.size:
                 unsure += i
                 exact = self.timestamps[unsure].tolist() if whole else self.timestamp_cells(unsure)
@@ -216,7 +190,7 @@ def _unix_timestamp(match: re.Match[str]) -> str:
     """Return a match of `ISO_TIMESTAMP` in ns since 1970; it stays as it is if there is no such date or time."""
     whole, fraction, zone = match.groups(default="")
     try:
-        seconds = (datetime.fromisoformat(whole + zone) - EPOCH) // timedelta(seconds=1)
+        seconds = (datetime.fromisoformat(whole + zone) - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(seconds=1)
     except ValueError:
         return match.group()
     return str(10**9 * seconds + int(fraction.ljust(9, "0")))
@@ -237,10 +211,10 @@ def cells_of(line: str) -> list[str]:
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
 
 
-def find_columns(header: str, patterns: Sequence[re.Pattern[str]]) -> list[int] | None:
+def find_columns(header: str, patterns: Sequence[str]) -> list[int] | None:
     """Return which cell of `header`, in lower case, fully matches each pattern; None if one has no match."""
     names = [cell.lower() for cell in cells_of(header)]
-    places = [next((k for k, name in enumerate(names) if pattern.fullmatch(name)), -1) for pattern in patterns]
+    places = [next((k for k, name in enumerate(names) if re.fullmatch(pattern, name)), -1) for pattern in patterns]
     return None if -1 in places else places
 
 

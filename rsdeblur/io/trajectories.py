@@ -26,17 +26,13 @@ WHAT = "trajectory"
 POSITION = Quantity.of("t|p|pos|position|translation|prsr|prs", LENGTH_SPELLINGS).bare
 QUATERNION = [re.compile(rf"(q|quat|quaternion|qrs|rotation|rot|orientation){axis}") for axis in "xyzw"]
 
-# Poses are 1 ms to hours apart. In that range a spacing in s is below this number, one in ns above it.
-LARGEST_SECONDS = 1e5
-
 
 def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     """Read positions, and perhaps orientations, that another program found.
 
     Reads tables without a header in the TUM format (``t tx ty tz qx qy qz qw``) or without quaternions (``t x y z``),
-    and tables whose header names the columns: EuRoC's ground truth (``#timestamp, p_RS_R_x [m], ..., q_RS_w [], ...``),
-    and others that call them ``tx``, ``px``, ``x``, ``position_x``, ... and ``qx``, ``quaternion_x``, ``rotation_x``,
-    ... Without a unit in the header, times are in s or in ns, which the spacing shows.
+    and tables whose header names the columns, as EuRoC's ground truth. Without a unit in the header, times are in s or
+    in ns, which the spacing shows.
 
     Parameters
     ----------
@@ -92,8 +88,9 @@ def _sniff(text: TextFile) -> bool:
 
 
 def _unit_of(table: Table) -> str:
+    # Poses are 1 ms to hours apart. In that range a spacing in s is below this number, one in ns above it.
     steps = np.diff(table.timestamps).astype(np.float64)
-    return "ns" if len(steps) and np.median(np.abs(steps)) > LARGEST_SECONDS else "s"
+    return "ns" if len(steps) and np.median(np.abs(steps)) > 1e5 else "s"
 
 
 FORMATS: tuple[Format[Trajectory], ...] = (

@@ -137,8 +137,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def _unreadable(path: Path, error: Any) -> FileFormatError:
-    from rsdeblur.io.kinds import mistaken
-    from rsdeblur.io.source import Source
+    from rsdeblur.io.source import Source, mistaken
 
     return mistaken(Source(path, "video")) or FileFormatError(f"{path}: cannot read the video: {error.strerror}")
 

@@ -12,7 +12,7 @@ from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
 from rsdeblur.io import picture_output
-from rsdeblur.io._metadata import C2PA_BOX, C2PA_TAG, PNG_IPTC, Metadata, png_iptc
+from rsdeblur.io._metadata import C2PA_BOX, C2PA_TAG, PNG_IPTC, Picture, png_iptc
 from tests.hostile import seeds
 
 NAMESPACES = " ".join(
@@ -111,20 +111,22 @@ def jpegs() -> list[bytes]:
     ]
     marked = b"".join(struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body for marker, body in segments)
     rotated = seeds.encoded("JPEG", seeds.picture((12, 20, 3), "uint8"), exif=timed_exif(), xmp=PACKETS[1])
-    return [picture_output.with_iptc(plain, RECORD), plain[:2] + marked + plain[2:], rotated]
+    iptc = seeds.jpeg(xmp=PACKETS[0], extra=picture_output.iptc_segment(RECORD))
+    return [iptc, plain[:2] + marked + plain[2:], rotated]
 
 
 def pngs() -> list[bytes]:
     """Return PNGs with metadata."""
     pixels, files = seeds.picture((12, 20, 3), "uint8"), []
-    grey = Metadata(timed_exif(), b"\0" * 16 + b"GRAY" + b"\0" * 108, PACKETS[0], RECORD)
+    profile = b"\0" * 16 + b"GRAY" + b"\0" * 108
+    grey = Picture(seeds.picture((12, 20), "uint16"), timed_exif(), profile, xmp=PACKETS[0], iptc=RECORD)
     for text in (png_iptc(RESOURCE).decode(), png_iptc(RECORD).decode()[:-2], "iptc", ""):
         info, buffer = PngInfo(), BytesIO()
         info.add_text(PNG_IPTC, text)
         info.add(b"caBX", C2PA_BOX, after_idat=False)
         Image.fromarray(pixels).save(buffer, "PNG", pnginfo=info)
         files.append(buffer.getvalue())
-    return [*files, picture_output.encode("PNG", seeds.picture((12, 20), "uint16"), grey)]
+    return [*files, picture_output.encode("PNG", grey)]
 
 
 def webps() -> list[bytes]:
@@ -142,7 +144,7 @@ def tiffs() -> list[bytes]:
     return [
         *(floats + bytes(k) for k in range(5)),
         seeds.tiff(rgb, photometric="rgb", compression="jpeg2000"),
-        picture_output.encode("TIFF", rgb, Metadata(timed_exif(), None, PACKETS[0], RECORD)),
+        picture_output.encode("TIFF", Picture(rgb, timed_exif(), xmp=PACKETS[0], iptc=RECORD)),
         seeds.tiff(rgb, photometric="rgb", extratags=manifest),
     ]
 

@@ -185,7 +185,7 @@ class TestLensProfile:
             ({"digital_lens": "gopro_superview"}, r"bends the picture digitally \(gopro_superview\)"),
             ({"input_horizontal_stretch": 1.33}, "stretches the picture"),
             ({"fisheye_params": {"camera_matrix": [[1, 2], [3, 4]]}}, "contains no calibration"),
-            ({"crop": "half"}, "the lens profile is damaged"),
+            ({"crop": "half"}, "the lens profile: damaged"),
         ],
     )
     def test_faults(self, write: Write, changes: dict[str, Any], message: str) -> None:
@@ -303,9 +303,9 @@ distortion_coefficients: [-0.05, 0.001, 0.001, -0.002]
         [
             (("pinhole", "omni"), "camera model 'omni' is not supported"),
             (("radtan", "fov"), "distortion model 'fov' is not supported"),
-            (("[400, 300]", "[400]"), "cam0 is damaged or incomplete"),
-            (("intrinsics", "intrinsic"), "cam0 is damaged or incomplete: KeyError"),
-            (("[210.0", "[a"), "cam0 is damaged or incomplete"),
+            (("[400, 300]", "[400]"), "cam0: damaged or incomplete"),
+            (("intrinsics", "intrinsic"), "cam0: damaged or incomplete, KeyError"),
+            (("[210.0", "[a"), "cam0: damaged or incomplete"),
             (("[210.0", "[-210.0"), "cam0: focal_length must be positive"),
             (("[-1.0, 0.0, 0.0, 0.2]", "[1.0, 0.0, 0.0, 0.2]"), "determinant -1"),
             (("cam0:", "cam0: ["), "not YAML"),

@@ -5,14 +5,12 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PIL import Image
 
 from rsdeblur.errors import ClockError, FileFormatError
-from rsdeblur.io import read_camera, read_captures, read_gyro
+from rsdeblur.io import read_captures, read_gyro
 from rsdeblur.io.clocks import read_clocks
-from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 
 TIMESTAMP = 1_766_385_749_427_863_801
@@ -67,20 +65,6 @@ def test_formats(tmp_path: Path, text: str) -> None:
     assert read_captures(path) == [Exposure(0.0, 0.24, TIMESTAMP), Exposure(0.0, 0.02, TIMESTAMP + 7)]
 
 
-@pytest.mark.parametrize("header", ["", "timestamp[s]\n", "Timestamp (seconds)\n"])
-def test_timestamps_in_seconds_are_never_read_as_nanoseconds(tmp_path: Path, header: str) -> None:
-    path = tmp_path / "framestamp.txt"
-    path.write_text(header + "".join(f"{4328040 + i / 30:.6f}\n" for i in range(5)))
-    found = read_captures(path, duration=0.01)
-    assert [exposure.epoch_ns for exposure in found][:2] == [4_328_040_000_000_000, 4_328_040_033_333_000]
-
-
-def test_exposure_times_beside_seconds_are_seconds(tmp_path: Path) -> None:
-    path = tmp_path / "images.txt"
-    path.write_text("0.5 0.02\n0.6 0.01\n")
-    assert read_captures(path) == [Exposure(0.0, 0.02, 500_000_000), Exposure(0.0, 0.01, 600_000_000)]
-
-
 FAULTS = {
     "fraction of one timestamp": ("1.5\n", 1, "the timestamps have fractions, so they are not in ns"),
     "milliseconds": ("1000.5 20\n1033.8 20\n", 1, "the timestamps have fractions, so they are not in ns"),
@@ -126,30 +110,6 @@ def test_real_captures(data_dir: Path) -> None:
     assert (len(mars), len(burst)) == (10, 7)
     assert mars[0] == Exposure(0.0, 0.24, 1_560_201_774_322)
     assert burst[-1] == Exposure(0.0, 0.02, 767_900_977_000)
-
-
-def test_read_camera_reads_what_save_wrote(tmp_path: Path) -> None:
-    camera = Camera(
-        1080, 1920, 1500.0, readout_time=0.0056, imu_to_camera=np.diag([1.0, -1.0, -1.0]), time_offset=-0.01
-    )
-    camera.save(tmp_path / "phone.toml")
-    again = read_camera(tmp_path / "phone.toml")
-    assert (again.width, again.height, again.focal_length, again.principal_point) == (
-        1080,
-        1920,
-        (1500.0, 1500.0),
-        (539.5, 959.5),
-    )
-    assert (again.readout_time, again.readout_direction, again.time_offset) == (0.0056, "top-down", -0.01)
-    np.testing.assert_array_equal(again.imu_to_camera, camera.imu_to_camera)
-
-
-def test_read_camera_refuses_what_is_no_camera(tmp_path: Path) -> None:
-    (tmp_path / "phone.toml").write_text("width = 1080\nheight = 1920\nfocal_length = 1500\nread_out = 0.0056\n")
-    with pytest.raises(FileFormatError, match=r"phone\.toml: unknown key 'read_out'; did you mean 'readout_time'"):
-        read_camera(tmp_path / "phone.toml")
-    with pytest.raises(FileFormatError, match=r"none\.toml"):
-        read_camera(tmp_path / "none.toml")
 
 
 def test_timestamps_alone_need_the_exposure_time(tmp_path: Path) -> None:
@@ -206,12 +166,6 @@ def test_milliseconds_are_not_nanoseconds(tmp_path: Path, header: str, name: str
     path.write_text(header + "".join(f"{33 * i}{name}\n" for i in range(9)))
     with pytest.raises(FileFormatError, match=r"captures are 33 ns apart; name the unit in a header"):
         read_captures(path, duration=0.01)
-
-
-def test_image_info_of_gyrodeblurnet(tmp_path: Path) -> None:
-    path = tmp_path / "image_info.txt"
-    path.write_text(f"{TIMESTAMP} 800 33333333 3182.59 3179.30 1458.69 2114.26 0\n")
-    assert read_captures(path) == [Exposure(0.0, 0.033333333, TIMESTAMP)]
 
 
 def test_a_jpeg_with_gyro_data_contains_its_capture(tmp_path: Path) -> None:

@@ -5,21 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.ExifTags import GPS, IFD, Base
 
 from rsdeblur.errors import ClockError, InputError
-from rsdeblur.io.exif import (
-    CAMERA_IFD,
-    DATE_TIME,
-    GPS_DATE,
-    GPS_IFD,
-    GPS_TIME,
-    OFFSET,
-    SUBSECONDS,
-    Exif,
-    capture_time,
-    on_clock_of,
-    shown_time,
-)
+from rsdeblur.io.exif import Exif, capture_time, on_clock_of, shown_time
 from rsdeblur.motion.gyro import GyroLog
 
 # 2025-12-22 06:42:29 UTC.
@@ -29,8 +18,8 @@ LOCAL = "2025:12:22 08:42:29"
 
 def exif_of(tags: dict[int, str], gps: dict[int, object] | None = None) -> Exif:
     block = Image.Exif()
-    block.get_ifd(CAMERA_IFD).update(tags)
-    block.get_ifd(GPS_IFD).update(gps or {})
+    block.get_ifd(IFD.Exif).update(tags)
+    block.get_ifd(IFD.GPSInfo).update(gps or {})
     return Exif(block.tobytes())
 
 
@@ -42,11 +31,14 @@ def log_at(ns: int, seconds: float = 10.0) -> GyroLog:
 @pytest.mark.parametrize(
     "exif",
     [
-        exif_of({DATE_TIME: LOCAL, SUBSECONDS: "25", OFFSET: "+02:00"}),
+        exif_of({Base.DateTimeOriginal: LOCAL, Base.SubsecTimeOriginal: "25", Base.OffsetTimeOriginal: "+02:00"}),
         # A fix that is half a minute old; the local time is two hours ahead of it.
-        exif_of({DATE_TIME: LOCAL, SUBSECONDS: "250\0"}, {GPS_DATE: "2025:12:22", GPS_TIME: (6.0, 41.0, 59.0)}),
+        exif_of(
+            {Base.DateTimeOriginal: LOCAL, Base.SubsecTimeOriginal: "250\0"},
+            {GPS.GPSDateStamp: "2025:12:22", GPS.GPSTimeStamp: (6.0, 41.0, 59.0)},
+        ),
         # No zone: the log covers the photo in one zone only.
-        exif_of({DATE_TIME: LOCAL, SUBSECONDS: "250000"}),
+        exif_of({Base.DateTimeOriginal: LOCAL, Base.SubsecTimeOriginal: "250000"}),
     ],
     ids=["offset", "gps", "log"],
 )
@@ -56,7 +48,9 @@ def test_the_zone_follows_from_offset_gps_or_log(exif: Exif) -> None:
 
 @pytest.mark.parametrize("hours", [6.0 + 24, 1e9])
 def test_a_fix_of_another_day_is_no_zone(hours: float) -> None:
-    block = exif_of({DATE_TIME: LOCAL}, {GPS_DATE: "2025:12:22", GPS_TIME: (hours, 42.0, 29.0)})
+    block = exif_of(
+        {Base.DateTimeOriginal: LOCAL}, {GPS.GPSDateStamp: "2025:12:22", GPS.GPSTimeStamp: (hours, 42.0, 29.0)}
+    )
     assert not capture_time(block).has_zone
     assert shown_time(block) == "2025-12-22 08:42:29.000 local time"
 
@@ -64,8 +58,8 @@ def test_a_fix_of_another_day_is_no_zone(hours: float) -> None:
 def test_times_without_a_place_are_refused() -> None:
     for year in ("0000:00:00", "0001:01:01", "9999:12:31"):
         with pytest.raises(InputError, match="no DateTimeOriginal"):
-            capture_time(exif_of({DATE_TIME: f"{year} 00:00:00", OFFSET: "-14:00"}))
-    local = capture_time(exif_of({DATE_TIME: LOCAL}))
+            capture_time(exif_of({Base.DateTimeOriginal: f"{year} 00:00:00", Base.OffsetTimeOriginal: "-14:00"}))
+    local = capture_time(exif_of({Base.DateTimeOriginal: LOCAL}))
     with pytest.raises(ClockError, match="not Unix time"):
         on_clock_of(local, log_at(10**15))
     with pytest.raises(ClockError, match="the log does not cover it"):

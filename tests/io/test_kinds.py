@@ -152,29 +152,11 @@ def test_archives_of_logger_apps_are_named(tmp_path: Path, reader: str) -> None:
         READERS[reader](path)
 
 
-def test_a_picture_without_a_focal_length_is_no_camera(tmp_path: Path) -> None:
-    Image.new("RGB", (8, 8)).save(tmp_path / "photo.jpg")
-    with pytest.raises(FileFormatError, match="it is a picture, and its EXIF contains no focal length"):
-        rsdeblur.read_camera(tmp_path / "photo.jpg")
-
-
 @pytest.mark.parametrize("reader", ["gyro log", "camera file"])
 def test_json_that_was_cut_off_is_named(tmp_path: Path, reader: str) -> None:
     (tmp_path / "x.json").write_text(json.dumps(LENS)[:-9])
     with pytest.raises(FileFormatError, match="not JSON, or cut off"):
         READERS[reader](tmp_path / "x.json")
-
-
-def test_what_pillow_does_not_know_is_neither_a_camera_nor_a_video(tmp_path: Path) -> None:
-    (tmp_path / "x.avif").write_bytes(b"\0\0\0 ftypavif" + bytes(40))
-    with pytest.raises(FileFormatError, match=r"not a JPEG, PNG, .* convert other pictures first"):
-        rsdeblur.read_picture(tmp_path / "x.avif")
-    Image.new("L", (1, 1)).save(tmp_path / "x.png")
-    content = bytearray((tmp_path / "x.png").read_bytes())
-    content[16:24] = bytes(8)
-    (tmp_path / "x.png").write_bytes(content)
-    with pytest.raises(FileFormatError, match="the picture is truncated or damaged"):
-        rsdeblur.read_picture(tmp_path / "x.png")
 
 
 def test_a_file_of_kalibr_has_no_place_for_the_time_offset(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from PIL import Image
 
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import _metadata, read_picture, write_picture
-from rsdeblur.io.picture_output import with_iptc
+from rsdeblur.io.picture_output import iptc_segment
 from rsdeblur.io.pictures import Picture
 from tests.installed import needs
 
@@ -96,7 +96,7 @@ def photo(tmp_path: Path, kind: str) -> Path:
             manifest = segment(0xEB, b"JP\0\1\0\0\0\1\0\0\0\x20jumb\0\0\0\x18jumdc2pa" + bytes(12))
             data = data[:2] + manifest + data[2:]
         else:
-            data = with_iptc(data, IPTC)
+            data = data[:2] + iptc_segment(IPTC) + data[2:]
     elif suffix == ".tif":
         tags = [(700, 1, len(xmp), xmp, True), (33723, 7, len(IPTC), IPTC, True), (0xCD41, 7, 4, b"c2pa", True)]
         tifffile.imwrite(buffer, pixels.astype(np.uint16) * 257, photometric="rgb", extratags=tags, metadata=None)

@@ -13,7 +13,7 @@ from PIL import Image, ImageCms
 
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io import read_picture, write_picture
-from rsdeblur.io._raw import linear_profile
+from rsdeblur.io._metadata import linear_profile
 from rsdeblur.io.exif import Exif
 from tests.installed import needs
 

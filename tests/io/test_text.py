@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io import text
 from rsdeblur.io.text import Table, TextFile, read_table
 
 UNITS = [Decimal(1), Decimal(10**9), Decimal("976562.5"), Decimal("0.3"), Decimal("0.5"), Decimal("1e-3")]
@@ -38,9 +37,7 @@ def table(content: str) -> Table:
 
 
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("block", [1, 7, 1000])
-def test_timestamps_are_exact(form: str, block: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(text, "BLOCK", block)
+def test_timestamps_are_exact(form: str) -> None:
     rng = np.random.default_rng(0)
     timestamps = [FORMS[form](rng) for _ in range(50)]
     found = table("".join(f"{timestamp},{i}\n" for i, timestamp in enumerate(timestamps)))
