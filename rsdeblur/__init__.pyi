@@ -14,7 +14,6 @@ from .estimate.correction import Correction as Correction
 from .estimate.correction import Uncertainty as Uncertainty
 from .estimate.refine import refine as refine
 from .estimate.time_offset import find_time_offset as find_time_offset
-from .estimate.triage import triage as triage
 from .image.transfer import from_linear as from_linear
 from .image.transfer import to_linear as to_linear
 from .io import read_camera as read_camera
@@ -27,6 +26,7 @@ from .motion.camera import Camera as Camera
 from .motion.exposure import Exposure as Exposure
 from .motion.gyro import GyroLog as GyroLog
 from .motion.translation import Translation as Translation
+from .motion.triage import triage as triage
 from .pipeline.deblur import deblur as deblur
 from .pipeline.deblur import psfs as psfs
 from .pipeline.deconvolve import deconvolve as deconvolve

@@ -11,7 +11,6 @@ from benchmarks.captures import quality
 from benchmarks.data import Image
 from benchmarks.paper.figure import Cell, Figure, lines, pictures
 from rsdeblur import Camera, Exposure, deblur, simulate
-from rsdeblur.estimate.strength import nsr_of_iso
 from rsdeblur.image.transfer import from_linear
 
 CAMERA = Camera(640, 448, 704.0)
@@ -41,7 +40,7 @@ def sensitivity(names: tuple[str, ...]) -> Figure:
         scores: dict[str, list[float]] = {way: [] for way in curves}
         for capture in captures:
             noisy = capture.blurred + np.float32((iso / 100) ** 0.5) * grain
-            for way, nsr in zip(curves, (0.01, nsr_of_iso(iso), "auto"), strict=True):
+            for way, nsr in zip(curves, (0.01, 0.01 * iso / 100, "auto"), strict=True):
                 image = deblur(noisy, *recording, mode="global", motion="small-angle", nsr=nsr, prior="wiener").image  # type: ignore[arg-type]  # mypy joins the strengths to object
                 scores[way].append(quality(capture.rolling, image)[0])
         for way, values in scores.items():

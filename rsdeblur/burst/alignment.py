@@ -11,6 +11,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.threads import share, share_map, thread_count
 from rsdeblur.burst.fit import FrameFit
 from rsdeblur.burst.frames import FIT_TILES, BurstFrame, reduced_bank
+from rsdeblur.burst.tuning import path_error_share, restoration_error, with_path_errors
 from rsdeblur.choices import Auto
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.highlights import HighlightSplit
@@ -88,7 +89,7 @@ def aligned(
         variances = np.array([split.remainder(slice(None), STEP).var() for split in splits])
         faint = variances < LEAST_VARIANCE * np.median(variances)
         energy = float(np.mean([tunings[n].energy for n in np.flatnonzero(~faint).tolist()]))
-        errors = np.array([tuning.restoration_error(energy) for tuning in tunings])
+        errors = np.array([restoration_error(tuning, energy) for tuning in tunings])
         errors[faint] = np.inf
         candidates = [int(n) for n in np.argsort(errors, kind="stable")]
     best, most = None, 0.0
@@ -134,13 +135,13 @@ def _fitted(
     error_shares = []
     for n, found in fits.items():
         frame = frames[n]
-        error_share = frame.tuning.path_error_share(reference.tuning, found.path_error * frame.factor**2)
+        error_share = path_error_share(frame.tuning, reference.tuning, found.path_error * frame.factor**2)
         noise = tuple(octave / found.gain for octave in frame.tuning.octave_noise)
-        tuning = replace(frame.tuning, octave_noise=noise).with_path_errors(error_share)
+        tuning = with_path_errors(replace(frame.tuning, octave_noise=noise), error_share)
         frames[n] = replace(frame, fit=found, tuning=tuning)
         if found.support >= LEAST_SUPPORT:
             error_shares.append(error_share)
     # The errors of the reference are in all differences, so they are not larger than the least of these.
-    tuning = reference.tuning.with_path_errors(OWN * min(error_shares, default=0.0))
+    tuning = with_path_errors(reference.tuning, OWN * min(error_shares, default=0.0))
     frames[index] = replace(reference, tuning=tuning)
     return AlignedBurst(index, tuple(frames))

@@ -14,13 +14,13 @@ from rsdeblur._util.threads import share_map
 from rsdeblur.burst.alignment import AlignedBurst
 from rsdeblur.burst.frames import BurstFrame
 from rsdeblur.burst.prediction import predicted
+from rsdeblur.burst.tuning import combined
 from rsdeblur.choices import EXPONENT
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.chroma import Solve
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.estimate.blur_spectra import KERNELS, BlurSpectra
 from rsdeblur.estimate.check import UndershootMeter
-from rsdeblur.estimate.strength import Tuning
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.pipeline.memory import least_memory
 from rsdeblur.pipeline.options import Options
@@ -64,7 +64,7 @@ class BurstSolution:
         tunings = [replace(frame.tuning, spectra=of) for frame, of in zip(frames, spectra, strict=True)]
         in_tiles = mode == "banded" and not options.has_one_psf
         errors = [tile_error(frame.alignment.capture) if in_tiles else 0.0 for frame in frames]
-        tuning, shares = Tuning.of_burst(tunings, tile_errors=errors)
+        tuning, shares = combined(tunings, tile_errors=errors)
         peak = brightness(burst.reference.split.remainder(slice(None), 4))
         strengths = tuned_strengths(tuning, options, peak)
         # Where other frames do not show the scene, they repeat the result of the reference alone. For narrow margins, a

@@ -23,10 +23,10 @@ from rsdeblur.cli._types import PATH, NumberType
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
-    from rsdeblur.estimate.triage import Triage
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
     from rsdeblur.motion.gyro import GyroLog
+    from rsdeblur.motion.triage import Triage
 
 TABLE, REPORT, PLOT = "triage.csv", "triage.json", "triage.svg"
 MANIFESTS = (".csv", ".txt")
@@ -92,7 +92,7 @@ def command(
     import numpy as np
 
     from rsdeblur._util.atomic import atomic_write
-    from rsdeblur.estimate.triage import Triage, blur_of, check_thresholds
+    from rsdeblur.motion.triage import Triage, blur_of, check_thresholds
     from rsdeblur.report.timeline import timeline_svg
 
     if drop < keep:

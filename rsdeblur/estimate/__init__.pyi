@@ -5,6 +5,5 @@ from .check import QualityCheck as QualityCheck
 from .refine import Refinement as Refinement
 from .strength import Tuning as Tuning
 from .time_offset import OffsetSearch as OffsetSearch
-from .triage import Triage as Triage
 
 __all__: list[str]

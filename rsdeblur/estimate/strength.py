@@ -18,8 +18,8 @@ of brightness that their exponents require.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -51,12 +51,6 @@ PATH_ERROR = ABSORBED * ASSUMED
 # nearly still, what a phone's processing leaves looks like an error larger than the motion itself, and its detail would
 # be taken for noise. Nor is it more than this share of the paths' spread about their mean, which drawn PSFs widen.
 MOST_PATH_ERROR_SHARE, MOST_OF_SPREAD = 0.25, 0.5
-# Error of the paths as a share of the PSF's radius, where the least blurred frame of a burst is chosen, before other
-# frames show how large the errors are: real motion errs by that much.
-FRAME_ERROR_SHARE = 0.03
-# Error of resampling the frames of a burst, px: of their alignment and, where pictures are as sharp as their pixels, of
-# interpolation. Only their shares depend on it. Chosen on eight bursts (docs/developer/decisions.md).
-RESAMPLING_ERROR = 0.25
 # Weight of total variation where that of the gradient prior is 1 and E is 1; and that of a penalty on first and second
 # derivatives, times the root of its exponent.
 TV_STRENGTH, DERIVATIVES_STRENGTH = 2.0, 1.6
@@ -65,17 +59,6 @@ TV_STRENGTH, DERIVATIVES_STRENGTH = 2.0, 1.6
 GREY_STRENGTH = 0.6
 # Candidates for the NSR and for the weight of the gradient prior.
 LADDER = np.geomspace(1e-5, 10.0, 73)
-# The NSR of Sindelar and Sroubek (2013), taken to hold at base sensitivity.
-BASE_NSR, BASE_ISO = 0.01, 100.0
-
-
-def nsr_of_iso(iso: float) -> float:
-    """Return the NSR for a sensitivity, 0.01 at ISO 100: the variance of shot noise is proportional to the gain.
-
-    Sindelar and Sroubek (2013) tried this, and found that it has little effect. Our simulations of their method show
-    more: docs/benchmarks/paper.md.
-    """
-    return validate.strength("nsr", BASE_NSR * validate.finite("iso", iso, above=0.0) / BASE_ISO)
 
 
 @one_line("octave_noise", "energy", "radius", "border_error")
@@ -175,79 +158,6 @@ class Tuning:
         border_error = 0.0 if repeats else share**2 / 4
         return cls(octave_noise, energy, radius, border_error, spectra, path_error, light.shape[2])
 
-    @classmethod
-    def of_burst(
-        cls, frames: Sequence[Tuning], *, tile_errors: Sequence[float] | None = None
-    ) -> tuple[Tuning, tuple[float, ...]]:
-        """Combine the measurements of several frames of one scene.
-
-        A frame counts by its share: the inverse of its :attr:`noise_power`, divided by the sum over all frames. Frames
-        other than the reference are resampled, which is an error of their blurred picture.
-
-        Parameters
-        ----------
-        frames : sequence of Tuning
-            Measurements of each frame, the reference first, whose energy counts for all.
-        tile_errors : sequence of float, optional
-            Mean square of the path errors that tiles add to each frame, px^2. Only the shares depend on them, because
-            strengths were measured with tiles.
-
-        Returns
-        -------
-        tuning : Tuning
-            Measurements of a picture that is as informative as all frames together.
-        shares : tuple of float
-            Share of each frame; they sum to 1.
-        """
-        first = frames[0]
-        power = np.array([frame.noise_power(first.energy) for frame in frames])
-        errors = np.zeros(len(frames)) if tile_errors is None else np.array(tile_errors, dtype=np.float64)
-        errors[1:] += RESAMPLING_ERROR**2
-        # What is wrong by e px changes the blurred picture by e times its gradient.
-        left = np.array([frame.spectra.gradient_left for frame in frames])
-        precision = 1.0 / (power + first.energy * left * errors)
-        shares = precision / precision.sum()
-
-        def mean(values: Sequence[float]) -> float:
-            return float(shares @ np.array(values))
-
-        # Errors of the frames are independent, so they average out.
-        variances = np.square(shares) @ np.square([frame.octave_noise for frame in frames])
-        path_error = float(np.square(shares) @ np.array([frame.path_error for frame in frames]))
-        tuning = cls(
-            tuple(np.sqrt(variances).tolist()),
-            first.energy,
-            float(np.sqrt(mean([frame.radius**2 for frame in frames]))),
-            mean([frame.border_error for frame in frames]),
-            BlurSpectra.mean([frame.spectra for frame in frames], shares),
-            path_error,
-            first.channels,
-        )
-        return tuning, tuple(shares.tolist())
-
-    def with_path_errors(self, share: float) -> Tuning:
-        """Return the measurements with further errors of the paths.
-
-        Parameters
-        ----------
-        share : float
-            The errors as a share of the radius.
-        """
-        return replace(self, path_error=self.path_error + (share * self.radius) ** 2)
-
-    def path_error_share(self, other: Tuning, error: float) -> float:
-        """Return the further errors of the paths as a share of both radii, up to 1.
-
-        Parameters
-        ----------
-        other : Tuning
-            Measurements of another frame.
-        error : float
-            Mean square of the errors of both frames together, px^2.
-        """
-        excess = max(error - self.path_error - other.path_error, 0.0)
-        return float(np.sqrt(min(excess / max(self.radius**2 + other.radius**2, PATH_ERROR**2), 1.0)))
-
     def noise_power(self, energy: float) -> float:
         """Return the power of noise and of the model's errors, as white noise that matters as much for a scene.
 
@@ -257,19 +167,6 @@ class Tuning:
             E of the sharp picture.
         """
         return self._noise_alone + energy * self.path_error
-
-    def restoration_error(self, energy: float) -> float:
-        """Return the expected mean squared error of the best linear restoration from this frame alone.
-
-        Parameters
-        ----------
-        energy : float
-            E of the sharp picture.
-        """
-        signal = energy * self.spectra.signal
-        noise = self.noise_power(energy) + energy * (FRAME_ERROR_SHARE * self.radius) ** 2 + self.border_error * signal
-        known = noise + self.spectra.power * signal
-        return float(np.divide(signal * noise, known, out=np.zeros_like(known), where=known > 0).mean())
 
     @property
     def noise(self) -> float:

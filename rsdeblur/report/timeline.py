@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from rsdeblur.estimate.triage import DECISIONS, Triage
+from rsdeblur.motion.triage import DECISIONS, Triage
 
 WIDE, TALL = 960, 360
 LEFT, RIGHT, TOP, BOTTOM = 56, 16, 34, 44

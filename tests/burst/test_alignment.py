@@ -35,7 +35,8 @@ def test_the_data_that_fit_decide(
         return AlignedBurst(index, frames)
 
     monkeypatch.setattr(burst_alignment, "_fitted", fitted)
-    tunings: Any = [SimpleNamespace(energy=1.0, restoration_error=lambda _, error=error: error) for error in errors]
+    monkeypatch.setattr(burst_alignment, "restoration_error", lambda tuning, _: tuning.error)
+    tunings: Any = [SimpleNamespace(energy=1.0, error=error) for error in errors]
     splits: Any = [SimpleNamespace(remainder=lambda *_: np.arange(2.0))] * len(errors)
     assert aligned(splits, splits, tunings, "auto", StageClock(None), None).index == chosen
     assert aligned(splits, splits, tunings, 2, StageClock(None), None).index == 2

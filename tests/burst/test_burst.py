@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from rsdeblur import Camera, Exposure, InputError, deblur, deblur_burst, hand_shake, simulate_clip
 from rsdeblur.burst import BurstResult
+from rsdeblur.burst.tuning import combined, path_error_share, restoration_error, with_path_errors
 from rsdeblur.estimate import Tuning
 from rsdeblur.estimate.correction import Correction
 from rsdeblur.estimate.refine import Refinement
@@ -154,17 +155,17 @@ def test_shares_fall_with_noise_and_blur() -> None:
     light = frames()[0][0]
     bank = PsfBank.for_picture(np.full((1, 9), 1 / 9), light.shape)
     tuning = Tuning.of(light, bank, noise=0.01)
-    double, shares = Tuning.of_burst([tuning, tuning])
+    double, shares = combined([tuning, tuning])
     # The second one is resampled, which is an error that the first one does not have.
     assert 0.5 < shares[0] < 0.6
     # Two frames are one with half the variance if their shares are equal.
     assert double.noise == pytest.approx(0.01 * np.hypot(*shares))
     assert double.gradient_weight <= tuning.gradient_weight
-    _, shares = Tuning.of_burst([tuning, replace(tuning, octave_noise=(0.03,) * 3), tuning.with_path_errors(0.5)])
+    _, shares = combined([tuning, replace(tuning, octave_noise=(0.03,) * 3), with_path_errors(tuning, 0.5)])
     assert shares[0] > max(shares[1:])
-    assert tuning.restoration_error(1.0) < replace(tuning, octave_noise=(0.1,) * 3).restoration_error(1.0)
+    assert restoration_error(tuning, 1.0) < restoration_error(replace(tuning, octave_noise=(0.1,) * 3), 1.0)
     # Errors that tiles add to a frame are its noise, but not that of the whole burst.
-    worse, shares = Tuning.of_burst([tuning, tuning], tile_errors=[0.0, 0.5])
+    worse, shares = combined([tuning, tuning], tile_errors=[0.0, 0.5])
     assert shares[0] > shares[1]
     assert worse.path_error > double.path_error
 
@@ -175,10 +176,10 @@ def test_errors_of_paths_are_measured() -> None:
     other = replace(tuning, radius=2 * tuning.radius)
     known = tuning.path_error + other.path_error
     further = (0.1 * tuning.radius) ** 2 + (0.1 * other.radius) ** 2
-    share = tuning.path_error_share(other, known + further)
+    share = path_error_share(tuning, other, known + further)
     assert share == pytest.approx(0.1)
-    assert tuning.path_error_share(other, 0.5 * known) == 0
-    errors = [frame.with_path_errors(share).path_error for frame in (tuning, other)]
+    assert path_error_share(tuning, other, 0.5 * known) == 0
+    errors = [with_path_errors(frame, share).path_error for frame in (tuning, other)]
     assert sum(errors) == pytest.approx(known + further)
 
 

@@ -14,7 +14,7 @@ from rsdeblur.deconv.priors import DerivativePrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate import floors
 from rsdeblur.estimate import strength as tuning
-from rsdeblur.estimate.strength import Tuning, nsr_of_iso
+from rsdeblur.estimate.strength import Tuning
 from rsdeblur.motion import BlurPaths
 
 SIDE = 256
@@ -191,13 +191,6 @@ def test_sparse_weights_of_one_channel_are_smaller(sharp: np.ndarray) -> None:
     for prior in ("tv", "hyper-laplacian"):
         assert one.weight(prior, 0.7) == pytest.approx(tuning.GREY_STRENGTH * three.weight(prior, 0.7))
     assert one.wavelet().sparse.weight == pytest.approx(one.weight("hyper-laplacian", 2 / 3))
-
-
-def test_nsr_grows_with_the_sensitivity():
-    assert nsr_of_iso(100) == pytest.approx(0.01)
-    assert nsr_of_iso(800) == pytest.approx(0.08)
-    with pytest.raises(InputError, match="iso"):
-        nsr_of_iso(0)
 
 
 def test_a_grey_picture_is_one_channel(sharp: np.ndarray) -> None:

@@ -11,11 +11,11 @@ import numpy as np
 from rsdeblur._util import validate
 from rsdeblur.choices import DROP, KEEP
 from rsdeblur.errors import CoverageError, InputError
-from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.arguments import exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.paths import Capture
 from rsdeblur.types import FloatArray, Progress
 
 Decision = Literal["keep", "deblur", "drop", "unknown"]
@@ -142,6 +142,7 @@ def blur_of(log: GyroLog, camera: Camera, exposure: Exposure) -> tuple[float, st
         The recording.
     """
     try:
-        return float(ReadoutFrame(camera).capture(log, exposure).probe.lengths.max()), None
+        upright = camera.turned() if camera.horizontal_readout else camera
+        return float(Capture.from_log(log, upright, exposure).probe.lengths.max()), None
     except (CoverageError, InputError) as error:
         return float("nan"), str(error)
