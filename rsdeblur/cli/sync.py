@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._command import Command
-from rsdeblur.cli._inputs import check_offset, naming, read_inputs, recordings_of, transfer_of
-from rsdeblur.cli._items import numbered_from_option
-from rsdeblur.cli._options import Recording
+from rsdeblur.cli._inputs import checked_offset, naming, read_inputs, recordings_of, transfer_of
+from rsdeblur.cli._options import MANY, Command, Recording, option
 from rsdeblur.cli._output import print_json, progress, say
-from rsdeblur.cli._types import PATH, SecondsType
+from rsdeblur.cli._types import PATH, SECONDS
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
-    from rsdeblur.estimate.time_offset import OffsetSearch, SharedOffset
+    from rsdeblur.estimate.time_offset import OffsetSearch
 
 # Shifts to try, s.
 SEARCH = (-0.06, 0.06)
@@ -34,12 +31,12 @@ Examples:
 
 @click.command("sync", cls=Command, epilog=EXAMPLES)
 @click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
-@_options.recording_options()
-@numbered_from_option
+@_options.recording_options(*MANY)
+@_options.numbered_from_option
 @_options.transfer_option
-@click.option("--from", "first", type=SecondsType(), help="First shift.  [default: -60ms, or -2s with --start exif]")
-@click.option("--to", "last", type=SecondsType(), help="Last shift.  [default: 60ms, or 1s with --start exif]")
-@click.option("--write", is_flag=True, help="Write the time offset into the camera file.")
+@option(*("--from", "first"), type=SECONDS, help="First shift.  [default: -60ms, or -2s with --start exif]")
+@option(*("--to", "last"), type=SECONDS, help="Last shift.  [default: 60ms, or 1s with --start exif]")
+@option("--write", is_flag=True, help="Write the time offset into the camera file.")
 @_options.json_option
 def command(
     photos: tuple[Path, ...],
@@ -72,7 +69,7 @@ def command(
         check_editable(recording.camera)
     usual = EXIF_ERROR if from_exif else SEARCH
     pairs = zip(photos, recordings_of(photos, recording, numbered_from), strict=True)
-    inputs = [read_inputs(photo, each, search=False) for photo, each in pairs]
+    inputs = [read_inputs(photo, each) for photo, each in pairs]
     transfers = sorted({str(transfer_of(each.picture, transfer)) for each in inputs})
     if len(transfers) > 1:
         raise click.UsageError(f"the photos encode light differently ({', '.join(transfers)}); give --transfer")
@@ -84,40 +81,29 @@ def command(
             transfer=transfer_of(inputs[0].picture, transfer),
             progress=move,
         )
-    result = found.joint
-    is_written = write and result.time_offset is not None
-    if is_written and result.time_offset is not None:
+    result, is_written = found.joint, False
+    if write and result.time_offset is not None:
         write_time_offset(recording.camera, result.time_offset)
+        is_written = True
+    alone = list(zip(photos, found.pictures, strict=True))
     if as_json:
-        print_json(_facts(found, photos) | {"written": str(recording.camera) if is_written else None})
+        facts = _facts(result) | {"offsets_s": result.offsets.tolist(), "scores": result.scores.tolist()}
+        facts |= {"photos": [{"photo": str(photo)} | _facts(each) for photo, each in alone]}
+        print_json(facts | {"written": str(recording.camera) if is_written else None})
     elif len(photos) > 1:
-        _print_photos(found, photos)
-    check_offset(result, photos)
-    if not as_json and result.time_offset is not None:
+        for photo, found_alone in alone:
+            doubt = "" if found_alone.time_offset is not None else "; alone, it determines none"
+            say(f"{photo}: {1e3 * found_alone.best:.1f} ms, confidence {found_alone.confidence:.2f}{doubt}")
+    offset = checked_offset(result, photos)
+    if not as_json:
         place = f"; written to {recording.camera}" if is_written else ""
-        say(f"time offset {1e3 * result.time_offset:.1f} ms, confidence {result.confidence:.2f}{place}")
+        say(f"time offset {1e3 * offset:.1f} ms, confidence {result.confidence:.2f}{place}")
 
 
-def _facts(found: SharedOffset, photos: Sequence[Path]) -> dict[str, Any]:
-    """Return the facts about an offset, and those about each photo alone."""
-
-    def brief(result: OffsetSearch) -> dict[str, Any]:
-        return {
-            "time_offset_s": result.time_offset,
-            "best_s": result.best,
-            "confidence": result.confidence,
-            "reason": result.reason,
-        }
-
-    alone = zip(photos, found.pictures, strict=True)
-    return brief(found.joint) | {
-        "offsets_s": found.joint.offsets.tolist(),
-        "scores": found.joint.scores.tolist(),
-        "photos": [{"photo": str(photo)} | brief(result) for photo, result in alone],
+def _facts(result: OffsetSearch) -> dict[str, Any]:
+    return {
+        "time_offset_s": result.time_offset,
+        "best_s": result.best,
+        "confidence": result.confidence,
+        "reason": result.reason,
     }
-
-
-def _print_photos(found: SharedOffset, photos: Sequence[Path]) -> None:
-    for photo, result in zip(photos, found.pictures, strict=True):
-        doubt = "" if result.time_offset is not None else "; alone, it determines none"
-        say(f"{photo}: {1e3 * result.best:.1f} ms, confidence {result.confidence:.2f}{doubt}")
