@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -170,9 +170,11 @@ class Desk:
 
     def _free_name(self, photo: Path) -> Path:
         folder = Path.cwd() if photo.parent == Path(self._folder.name) else photo.parent
-        name = result_name(photo)
-        names = (folder / f"{photo.stem}{SHARP}{number}{name.suffix}" for number in ("", *(f"-{i}" for i in count(2))))
-        return next(path for path in names if not path.exists())
+        suffix = result_name(photo).suffix
+        endings = chain([""], (f"-{number}" for number in count(2)))
+        return next(
+            path for ending in endings if not (path := folder / f"{photo.stem}{SHARP}{ending}{suffix}").exists()
+        )
 
     def _solve(self, form: Mapping[str, Any]) -> dict[str, Any]:
         """Deblur the crop that the form names."""
