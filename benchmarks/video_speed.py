@@ -1,6 +1,6 @@
 """Frames a second of a video: ``python -m benchmarks.video_speed [--size 1920x1080] [--strength 0.2] [--rounds 3]``.
 
-A simulated clip is deblurred and encoded as `rsdeblur video --all` does it, one frame for each core at a time:
+A simulated clip is deblurred and encoded as `rsdeblur video --above 0` does it, one frame for each core at a time:
 decoding, PSFs of each frame, solve, conversions and encoder. The time of a clip of a few frames is subtracted from that
 of all, so that the first frame does not count; a long video hardly needs it. The clip has about 110 KiB per frame of
 1920x1080 px: 26 Mbit/s at 30 frames per s, where phones store 16 to 20.

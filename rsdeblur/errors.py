@@ -15,7 +15,19 @@ class RsdeblurError(Exception):
 
 
 class InputError(RsdeblurError, ValueError):
-    """An argument has a wrong shape, type or value."""
+    """An argument has a wrong shape, type or value.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, and what to do.
+    argument : str, optional
+        Name of the argument at fault, where the message does not begin with it.
+    """
+
+    def __init__(self, message: str, argument: str | None = None) -> None:
+        super().__init__(message)
+        self.argument = argument
 
 
 class FileFormatError(RsdeblurError, ValueError):

@@ -15,15 +15,14 @@ import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from difflib import get_close_matches
 from importlib import import_module
-from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
 import click
+from click.shell_completion import get_completion_class
 
-from rsdeblur.cli._output import level, printable, say_aside, tolerant_output
+from rsdeblur.cli._output import level, printable, say, say_aside, tolerant_output
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
 # The most important ones first.
@@ -70,26 +69,10 @@ class Commands(click.Group):
         """Import and return one command."""
         if cmd_name not in COMMANDS:
             return None
+        if cmd_name == completion.name:
+            return completion
         command: click.Command = import_module(f"rsdeblur.cli.{cmd_name}").command
         return command
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Take `help COMMAND` for `COMMAND --help`."""
-        return super().parse_args(ctx, [*args[1:2], "--help"] if args[:1] == ["help"] else args)
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command; suggest one if the name is unknown."""
-        name = args[0]
-        if name not in COMMANDS and not name.startswith("-") and not ctx.resilient_parsing:
-            close = get_close_matches(name, COMMANDS, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"commands are {', '.join(COMMANDS)}"
-            if Path(name).exists():
-                what, command = ("folder", "batch") if Path(name).is_dir() else ("file", "deblur")
-                hint = f"it is a {what}; did you mean {command} {name}?"
-            raise click.UsageError(f"there is no command {name!r}; {hint}", ctx)
-        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; exit with 1 for refused input and 128 plus the signal's number when interrupted."""
@@ -209,3 +192,24 @@ def main() -> None:
     Exit codes: 0 done, 1 input refused, 2 wrong usage, 3 some of several photos failed, 130 interrupted (SIGTERM
     143, SIGHUP 129).
     """
+
+
+@click.command(
+    "completion",
+    epilog="""\b
+Examples:
+  rsdeblur completion bash > ~/.local/share/bash-completion/completions/rsdeblur
+  rsdeblur completion zsh > ~/.zfunc/_rsdeblur
+  rsdeblur completion fish > ~/.config/fish/completions/rsdeblur.fish
+""",
+)
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print the script that completes commands, options, choices and file names in SHELL."""
+    kind = get_completion_class(shell)
+    assert kind is not None  # click has all three
+    say(*kind(main, {}, "rsdeblur", "_RSDEBLUR_COMPLETE").source().splitlines())
+
+
+# click suggests these names for an unknown one; `get_command` imports them.
+main.commands.update(dict.fromkeys(COMMANDS, completion))

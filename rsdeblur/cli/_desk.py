@@ -11,44 +11,48 @@ import threading
 import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
+from itertools import chain, count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from rsdeblur.choices import SHARP
 from rsdeblur.cli import _options
-from rsdeblur.cli._form import FILES, arguments, box_of, moved_of, number_of, path_of, power_of, text_of
 from rsdeblur.cli._inputs import (
     Inputs,
     display_values,
-    file_state,
     naming,
-    read_device,
-    read_log,
+    photo_gravity,
     read_recording,
     transfer_of,
-    warn_of_photo_gravity,
     with_offset,
-    with_translation,
 )
-from rsdeblur.cli._items import WRITABLE
-from rsdeblur.cli._options import Recording, Track
+from rsdeblur.cli._items import result_name
+from rsdeblur.cli._log import file_state
+from rsdeblur.cli._options import FILES, MANY, MANY_RESULTS, ONE_PHOTO, Recording, flag
 from rsdeblur.cli._output import FAILURES, reason
-from rsdeblur.cli._photo import PhotoJob, deblur_photo
+from rsdeblur.cli._photo import PhotoJob, Prepared, deblur_photo, prepare
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import CoverageError, InputError, OutputError, RsdeblurError, RsdeblurWarning
 
 if TYPE_CHECKING:
     from rsdeblur.app.crop import Basis, Crop
-    from rsdeblur.choices import Transfer
     from rsdeblur.io.pictures import Picture
     from rsdeblur.pipeline.options import Options
     from rsdeblur.pipeline.plan import DeblurResult
 
+# Options that have a slider; the strengths of the whole picture are derived without them, and so stay while they move.
+MOVED = ("time_offset", "readout_time", "focal_length", "softness")
+FORM = (*MANY, "mode", "prior", "softness")
+# Largest crop, px.
+MOST_CROP = 1024
+# The slider of the strength spans this many powers of ten to either side of the automatic value.
+MOST_POWER = 3.0
 # Longer side of the overview, px.
 OVERVIEW = 560
 # Least scale at which a crop is solved while a slider moves.
@@ -61,17 +65,15 @@ class Request(NamedTuple):
     photo: Path
     recording: Recording
     options: Options
-    track: Track
 
 
 # The page shows clipped highlights as they are: a crop does not show whether the photo has few.
 @click.command("deblur", add_help_option=False, context_settings={"default_map": {"saturation": "ignore"}})
 @click.argument("photo", type=PATH)
-@_options.recording_options()
-@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
-@_options.track_options
-def _parse(photo: Path, recording: Recording, options: Options, track: Track) -> Request:
-    return Request(photo, recording, options, track)
+@_options.recording_options(*ONE_PHOTO)
+@_options.solve_options(*MANY_RESULTS)
+def _parse(photo: Path, recording: Recording, options: Options) -> Request:
+    return Request(photo, recording, options)
 
 
 class Cancelled(RsdeblurError):
@@ -96,7 +98,7 @@ class Job:
 
 
 class Desk:
-    """The answers to the page.
+    """Request handlers of the page.
 
     Parameters
     ----------
@@ -150,7 +152,7 @@ class Desk:
 
         with self._busy, _collected() as notes:
             request = _request(arguments(form))
-            picture, _, camera, exposure = _read(request)
+            picture, _, camera, exposure = _ready(request).inputs
             stride = max(1, max(picture.pixels.shape[:2]) // (2 * OVERVIEW))
             shown = display_values(picture.pixels[::stride, ::stride], picture.transfer)
             (overview,), _ = picture_uris({"picture": shown}, picture.icc_profile)
@@ -168,12 +170,11 @@ class Desk:
 
     def _free_name(self, photo: Path) -> Path:
         folder = Path.cwd() if photo.parent == Path(self._folder.name) else photo.parent
-        suffix = photo.suffix if photo.suffix.lower() in WRITABLE else ".png"
-        number, path = 1, folder / f"{photo.stem}-sharp{suffix}"
-        while path.exists():
-            number += 1
-            path = folder / f"{photo.stem}-sharp-{number}{suffix}"
-        return path
+        suffix = result_name(photo).suffix
+        endings = chain([""], (f"-{number}" for number in count(2)))
+        return next(
+            path for ending in endings if not (path := folder / f"{photo.stem}{SHARP}{ending}{suffix}").exists()
+        )
 
     def _solve(self, form: Mapping[str, Any]) -> dict[str, Any]:
         """Deblur the crop that the form names."""
@@ -183,16 +184,13 @@ class Desk:
         scale = number_of(form, "scale", 1.0, LEAST_SCALE, 1.0)
         with self._busy, _collected() as notes:
             words, basis = self._tuned(form)
-            request = _request(words)
-            inputs = _read(request)
-            crop = Crop(*box_of(form)).within(inputs.camera)
-            options = _solvable(request, inputs, check=bool(form.get("check")))
-            with naming(request.photo, request.recording):
-                result = solve_crop(
-                    *(inputs.picture.pixels, inputs.log, inputs.camera, inputs.exposure, options, basis, crop),
-                    scale=scale,
-                )
-        answer = _shown(result, inputs, transfer_of(inputs.picture, options.transfer), crop, draft=scale < 1.0)
+            ready = _ready(_request(words))
+            options = replace(ready.options, check=bool(form.get("check")))
+            picture, log, camera, exposure = ready.inputs
+            crop = Crop(*box_of(form)).within(camera)
+            with ready.naming:
+                result = solve_crop(picture.pixels, log, camera, exposure, options, basis, crop, scale=scale)
+        answer = _shown(result, ready, crop, draft=scale < 1.0)
         name, value = basis.strength
         return answer | {
             "strength": {"name": name, "value": value, "power": power_of(form)},
@@ -238,21 +236,17 @@ class Desk:
         if not text_of(form, "output"):
             raise InputError("choose the name of the result")
         with self._busy:
-            request = _request(self._tuned(form)[0])
+            photo, recording, options = _request(self._tuned(form)[0])
         output = Path(path_of(form, "output"))
-        with _never_replacing():
-            check_writable(output, force=False)
-        return PhotoJob(
-            photo=request.photo,
-            recording=request.recording,
-            options=request.options,
-            output=output,
-            track=request.track,
-        )
+        if output.exists():
+            # The page has no --force.
+            raise OutputError(f"{output}: the file exists; choose another name")
+        check_writable(output, force=False)
+        return PhotoJob(photo=photo, recording=recording, options=options, output=output)
 
     def _run(self, photo: PhotoJob, job: Job) -> None:
         try:
-            with self._busy, _collected(), _never_replacing():
+            with self._busy, _collected():
                 job.facts = deblur_photo(photo, job.move)
         except MemoryError:
             job.error = "not enough memory; close other programs, or use the command with --max-memory"
@@ -272,41 +266,6 @@ class Desk:
         return self._progress(form)
 
 
-def check_files(photos: Sequence[Path], recording: Recording) -> None:
-    """Read the files that the page will start with, of which any may be missing; the page shows their warnings.
-
-    Raises
-    ------
-    RsdeblurError
-        If one is refused.
-    """
-    from rsdeblur.image.encoded import check_size
-    from rsdeblur.io import open_camera
-    from rsdeblur.io.captures import open_captures
-
-    camera = None
-    with _collected():
-        if recording.gyro and recording.camera:
-            camera = read_device(recording)[1]
-        elif recording.camera:
-            camera = open_camera(recording.camera).camera
-        elif recording.gyro:
-            read_log(recording)
-        if recording.capture:
-            open_captures(recording.capture)
-        # The page opens the first photo, which is kept.
-        for photo in reversed(photos):
-            pixels = _picture(photo, file_state(photo)).pixels
-            if camera is None:
-                continue
-            with naming(photo):
-                check_size(pixels.shape, camera)
-            # The page asks for what is not given.
-            with suppress(click.UsageError):
-                if recording.gyro:
-                    read_recording(recording, photo)
-
-
 def _as_here(words: Sequence[str]) -> list[str]:
     """Return the options by which the command deblurs as the page does, with given arguments."""
     chosen = any(word.startswith("--saturation") for word in words)
@@ -322,23 +281,23 @@ def _request(words: Sequence[str]) -> Request:
     return request
 
 
-def _read(request: Request) -> Inputs:
-    try:
-        log, camera, exposure = read_recording(request.recording, request.photo)
-    except click.ClickException as error:
-        raise InputError(error.format_message()) from error
-    picture = _picture(request.photo, file_state(request.photo))
-
+def _ready(request: Request) -> Prepared:
+    """Prepare a photo as `rsdeblur deblur` does, with pictures and times that are kept."""
     from rsdeblur.image.encoded import check_size
 
-    with naming(request.photo):
-        check_size(picture.pixels.shape, camera)
-    inputs = Inputs(picture, log, camera, exposure)
-    warn_of_photo_gravity(request.photo, inputs, request.recording)
-    if request.recording.start == "exif":
-        files = request.photo, request.recording.gyro, request.recording.camera
-        return _timed(request.photo, tuple(map(file_state, files)), request.recording)
-    return inputs
+    photo, recording, options = request
+    try:
+        log, camera, exposure = read_recording(recording, photo)
+        picture = _picture(photo, file_state(photo))
+        with naming(photo):
+            check_size(picture.pixels.shape, camera)
+        inputs = Inputs(picture, log, camera, exposure)
+        if recording.start == "exif":
+            inputs = _timed(photo, tuple(map(file_state, (photo, recording.gyro, recording.camera))), recording)
+        photo_gravity(photo, inputs, recording).warn()
+        return prepare(photo, recording, options, inputs=inputs)
+    except click.ClickException as error:
+        raise InputError(error.format_message()) from error
 
 
 @lru_cache(maxsize=2)
@@ -356,26 +315,21 @@ def _picture(photo: Path, _: tuple[int, ...] | None) -> Picture:
     return read_picture(photo)
 
 
-def _solvable(request: Request, inputs: Inputs, *, check: bool) -> Options:
-    options = with_translation(request.options, request.track, inputs.camera, inputs.exposure)
-    return replace(options, transfer=transfer_of(inputs.picture, options.transfer), check=check)
-
-
 def _basis(words: tuple[str, ...], *_: tuple[int, ...] | None) -> Basis:
     """Derive the strengths of a whole picture; kept for each choice of files, mode and prior."""
     from rsdeblur.app.crop import derive_basis
 
-    request = _request(words)
-    inputs = _read(request)
-    options = _solvable(request, inputs, check=False)
-    with naming(request.photo, request.recording):
-        return derive_basis(inputs.picture.pixels, inputs.log, inputs.camera, inputs.exposure, options)
+    ready = _ready(_request(words))
+    picture, log, camera, exposure = ready.inputs
+    with ready.naming:
+        return derive_basis(picture.pixels, log, camera, exposure, replace(ready.options, check=False))
 
 
-def _shown(result: DeblurResult, inputs: Inputs, transfer: Transfer, crop: Crop, *, draft: bool) -> dict[str, Any]:
+def _shown(result: DeblurResult, ready: Prepared, crop: Crop, *, draft: bool) -> dict[str, Any]:
     """Return the crop as data of the page; a draft shows its picture only."""
     from rsdeblur.report.embed import MotionPlot, bank_data, motion_data, picture_uris
 
+    inputs, transfer = ready.inputs, transfer_of(ready.inputs.picture, ready.options.transfer)
     camera = crop.camera(inputs.camera)
     pictures = {"result": display_values(result.image, transfer)}
     if not draft:
@@ -393,17 +347,6 @@ def _shown(result: DeblurResult, inputs: Inputs, transfer: Transfer, crop: Crop,
 
 
 @contextmanager
-def _never_replacing() -> Iterator[None]:
-    """Leave the advice to replace a file out of the errors of the block, because the page cannot do that."""
-    from rsdeblur._util.atomic import REPLACE
-
-    try:
-        yield
-    except OutputError as error:
-        raise OutputError(str(error).replace(REPLACE, "choose another name")) from error
-
-
-@contextmanager
 def _collected() -> Iterator[list[str]]:
     """Collect warnings instead of printing them; the list contains their texts after the block."""
     texts: list[str] = []
@@ -411,3 +354,65 @@ def _collected() -> Iterator[list[str]]:
         warnings.simplefilter("always", RsdeblurWarning)
         yield texts
     texts += dict.fromkeys(str(item.message) for item in caught)
+
+
+def arguments(form: Mapping[str, Any], moved: Mapping[str, Any] | None = None) -> list[str]:
+    """Return the arguments of `rsdeblur deblur` that a form means, with automatic strengths.
+
+    Empty texts are left out; `moved` are texts of sliders, which replace those of the form.
+    """
+    for name, label in (("photo", "photo"), ("gyro", "gyro log"), ("camera", "camera file")):
+        if not text_of(form, name):
+            raise InputError(f"choose the {label}")
+    words = [path_of(form, "photo")]
+    form = {**form, **(moved or {})}
+    for name in FORM:
+        if text_of(form, name):
+            words += [flag(name), path_of(form, name) if name in FILES else text_of(form, name)]
+    try:
+        return words + shlex.split(text_of(form, "more"))
+    except ValueError as error:
+        raise InputError(f"other options: {error}") from error
+
+
+def text_of(form: Mapping[str, Any], name: str) -> str:
+    """Return a text of a form without spaces around it; empty if it is missing."""
+    value = form.get(name)
+    if value is not None and not isinstance(value, str):
+        raise InputError(f"{name} must be a text, got {value!r}")
+    return (value or "").strip()
+
+
+def path_of(form: Mapping[str, Any], name: str) -> str:
+    """Return an absolute path, with which the command works in every folder."""
+    text = text_of(form, name)
+    return str(Path(text).expanduser().absolute()) if text else ""
+
+
+def moved_of(form: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the texts of the sliders that were moved, by the names of their options."""
+    moved = form.get("moved", {})
+    if not isinstance(moved, dict) or not moved.keys() <= set(MOVED):
+        raise InputError(f"moved must name sliders, got {moved!r}")
+    return moved
+
+
+def power_of(form: Mapping[str, Any]) -> float:
+    """Return by how many powers of ten the strength differs from the automatic one."""
+    return number_of(form, "power", 0.0, -MOST_POWER, MOST_POWER)
+
+
+def number_of(form: Mapping[str, Any], name: str, default: float, least: float, most: float) -> float:
+    """Return a number of a form that must be between two others; the default if it is missing."""
+    value = form.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+        raise InputError(f"{name} must be a number from {least:g} to {most:g}, got {value!r}")
+    return float(value)
+
+
+def box_of(form: Mapping[str, Any]) -> list[int]:
+    """Return left, top, width and height of the crop, px."""
+    box = form.get("box")
+    if not (isinstance(box, list) and len(box) == 4 and all(type(n) is int and n >= 0 for n in box)):
+        raise InputError(f"box must be four whole numbers, got {box!r}")
+    return [*box[:2], *(min(n, MOST_CROP) for n in box[2:])]

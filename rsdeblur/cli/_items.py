@@ -4,52 +4,30 @@ from __future__ import annotations
 
 import csv
 import io
-import re
 import unicodedata
-import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import click
 
 from rsdeblur._util.files import read_file
-from rsdeblur.cli._options import Defaults, Recording
-from rsdeblur.cli._types import BiasType, SecondsType, StartType
-from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
+from rsdeblur.cli._options import FILES, MANY, ONE_OF_MANY, Recording, refuse_given
+from rsdeblur.cli._types import PATH
+from rsdeblur.errors import FileFormatError, InputError
 
-# Columns of a manifest, with the conversion of their cells; an empty cell sets nothing.
-COLUMNS: dict[str, Callable[[str], Any]] = {
-    **dict.fromkeys(("photo", "output", "gyro", "camera", "capture"), Path),
-    **dict.fromkeys(("gyro_format", "unit", "orientation"), str),
-    # Programs add ".0" to the whole numbers of a column that has gaps.
-    **dict.fromkeys(("index", "start_ns"), lambda cell: int(re.sub(r"\.0+$", "", cell))),
-    **dict.fromkeys(("rate", "focal_length"), float),
-    "bias": lambda cell: BiasType().convert(cell, None, None),
-    "start": lambda cell: StartType().convert(cell, None, None),
-    "duration": lambda cell: SecondsType(above=0.0).convert(cell, None, None),
-    "time_offset": lambda cell: SecondsType().convert(cell, None, None),
-    "readout_time": lambda cell: SecondsType(minimum=0.0).convert(cell, None, None),
+# Columns of a manifest with the types of their cells; an empty cell sets nothing.
+COLUMNS: dict[str, click.ParamType[Any]] = {
+    "photo": PATH,
+    "output": PATH,
+    **{each.name: each.metadata["type"] or click.STRING for each in fields(Recording) if each.name in MANY},
 }
-# Columns by their former names.
-RENAMED = {"readout": "readout_time"}
-FILES = ("gyro", "camera", "capture")
 # Characters; no path is longer.
 LONGEST_CELL = 4096
-# Why options are refused.
-ONE_OF_MANY = "is one moment, but each photo has its own; leave it out"
-FOR_PHOTOS = "is for photos; the frames of a video are counted from its first one"
 Place = tuple[int, int]
-numbered_from_option = click.option(
-    "--numbered-from",
-    type=click.IntRange(0, 1),
-    help="Number of the first frame in the photos' names.  [default: derived from the names]",
-)
-# Results keep these formats; those of other pictures, HEIC and raw, are written as PNG.
-WRITABLE = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".npy")
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,21 +46,17 @@ class Item:
         return [self.photo, *(path for path in own if path is not None)]
 
 
-def read_items(source: Path, defaults: Defaults, output: Path, *, numbered_from: int | None) -> list[Item]:
-    """Return the items of a manifest or of a session folder, in its order.
-
-    Raises
-    ------
-    FileFormatError
-        If the manifest or a file of the defaults cannot be read, or the folder is no session.
-    """
+def read_items(source: Path, defaults: Recording, output: Path, *, numbered_from: int | None) -> list[Item]:
+    """Return the items of a manifest or of a session folder, in its order."""
+    start = None if defaults.start == "exif" else defaults.start
+    refuse_given(ONE_OF_MANY, index=defaults.index, start=start, start_ns=defaults.start_ns)
     _check_shared(defaults)
     found = _session(source, defaults, output, numbered_from) if source.is_dir() else _manifest(source, defaults)
     items = list(found)
     return list(_without_clashes(items, output, _places([source, *(path for item in items for path in item.inputs)])))
 
 
-def _check_shared(defaults: Defaults) -> None:
+def _check_shared(defaults: Recording) -> None:
     """Refuse wrong files that all photos would share, once instead of for every photo."""
     from rsdeblur.io.cameras import detect_camera_format
     from rsdeblur.io.captures import open_captures
@@ -130,31 +104,28 @@ def _places(paths: Iterable[Path]) -> set[Place]:
     return places
 
 
-def _session(folder: Path, defaults: Defaults, output: Path, numbered_from: int | None) -> Iterator[Item]:
+def _session(folder: Path, defaults: Recording, output: Path, numbered_from: int | None) -> Iterator[Item]:
     from rsdeblur.io.sessions import camera_in, files_in, gyro_log_in, open_session, photos_in
 
     if defaults.start == "exif":
         files = files_in(folder, without=output)
         gyro, camera = defaults.gyro or gyro_log_in(folder, files), defaults.camera or camera_in(files)
-        known = replace(defaults, gyro=gyro, camera=camera)
         for path in photos_in(folder, files):
-            yield _item(path, result_name(path.relative_to(folder)), {}, known)
+            yield _item(path, result_name(path.relative_to(folder)), {"gyro": gyro, "camera": camera}, defaults)
         return
     session = open_session(
         folder, gyro=defaults.gyro, capture=defaults.capture, numbered_from=numbered_from, without=output
     )
-    known = replace(defaults, gyro=session.gyro, capture=session.capture)
-    if defaults.camera is None:
-        known = replace(known, camera=session.camera)
+    known = {"gyro": session.gyro, "capture": session.capture, "camera": defaults.camera or session.camera}
     for photo in session.photos:
         place = result_name(photo.path.relative_to(folder))
         if photo.error is not None:
             yield Item(photo.path, place, None, f"{photo.path}: {photo.error}")
         else:
-            yield _item(photo.path, place, {"index": photo.index}, known)
+            yield _item(photo.path, place, known | {"index": photo.index}, defaults)
 
 
-def _manifest(path: Path, defaults: Defaults) -> Iterator[Item]:
+def _manifest(path: Path, defaults: Recording) -> Iterator[Item]:
     from rsdeblur.io.source import Source, mistaken
 
     try:
@@ -190,13 +161,7 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
 
 def _head(path: Path, cells: list[str]) -> list[str]:
     """Return the names of the columns."""
-    head = []
-    for name in (cell.strip().lower() for cell in cells):
-        head.append(RENAMED.get(name, name))
-        if name in RENAMED:
-            warnings.warn(
-                f"{path}, line 1: the column {name} is now called {RENAMED[name]}", RsdeblurWarning, stacklevel=2
-            )
+    head = [cell.strip().lower() for cell in cells]
     problems = [f"unknown column {name!r}" for name in head if name not in COLUMNS]
     problems += [f"the column {name} occurs {count} times" for name, count in Counter(head).items() if count > 1]
     if "photo" not in head:
@@ -206,7 +171,7 @@ def _head(path: Path, cells: list[str]) -> list[str]:
     return head
 
 
-def _row(path: Path, line: int, head: list[str], row: list[str], defaults: Defaults) -> Item:
+def _row(path: Path, line: int, head: list[str], row: list[str], defaults: Recording) -> Item:
     photo = Path(f"line {line}")
     cells: dict[str, Any] = {}
     try:
@@ -239,44 +204,28 @@ def _inside(photo: Path, folder: Path) -> Path:
 
 def _converted(name: str, cell: str) -> Any:
     try:
-        return COLUMNS[name](cell)
+        return COLUMNS[name].convert(cell, None, None)
     except click.BadParameter as error:
         raise ValueError(f"{name}: {error.message}") from error
-    except ValueError as error:
-        kind = "number" if COLUMNS[name] is float else "whole number"
-        raise ValueError(f"{name}: {cell!r} is not a {kind}") from error
 
 
-def _item(photo: Path, result: Path, own: dict[str, Any], defaults: Defaults) -> Item:
-    values = {name: value for name, value in asdict(defaults).items() if value is not None}
-    # A photo with a start of its own needs no capture file, unless it names an exposure there.
-    if own.keys().isdisjoint(("capture", "index")) and not own.keys().isdisjoint(("start", "start_ns")):
-        values.pop("capture", None)
-    values |= own
-    # Times from EXIF replace a capture file of the defaults.
-    if values.get("start") == "exif" and "capture" not in own:
-        values.pop("capture", None)
+def _item(photo: Path, result: Path, own: dict[str, Any], defaults: Recording) -> Item:
+    recording = replace(defaults, **own)
+    has_moment = not own.keys().isdisjoint(("start", "start_ns"))
+    # A photo with a start of its own needs no capture file, unless it names an exposure there, and a time from EXIF
+    # replaces that of the defaults.
+    if "capture" not in own and ((has_moment and "index" not in own) or recording.start == "exif"):
+        recording = replace(recording, capture=None)
     for name in ("gyro", "camera"):
-        if name not in values:
+        if getattr(recording, name) is None:
             return Item(photo, result, None, f"{photo}: no {name} file; give it in the column {name} or with --{name}")
-    return Item(photo, result, Recording(**values))
-
-
-def refuse_given(why: str, **values: object) -> None:
-    """Raise `click.UsageError` if one of these options is given: it would have no effect, and `why` says so."""
-    for name, value in values.items():
-        if value is not None:
-            raise click.UsageError(f"--{name.replace('_', '-')} {why}")
+    return Item(photo, result, recording)
 
 
 def result_name(photo: Path) -> Path:
-    """Return the name of a photo's result: its own, or that of a PNG if results cannot have its format.
+    """Return the name of a photo's result: its own, or that of a PNG if results cannot have its format."""
+    from rsdeblur.io.picture_output import KINDS
 
-    Raises
-    ------
-    InputError
-        If the path has no name, like that of the current folder.
-    """
     if not photo.name:
         raise InputError(f"{photo}: this is a folder, not a photo")
-    return photo if photo.suffix.lower() in WRITABLE else photo.with_suffix(".png")
+    return photo if photo.suffix.lower() in KINDS else photo.with_suffix(".png")

@@ -1,12 +1,16 @@
-"""Measurements of `compare` and `demo`: similarity to the truth, and memory."""
+"""Measurements of results: similarity to the truth, memory, and time without that in which Numba compiles."""
 
 from __future__ import annotations
 
 import re
-from contextlib import suppress
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from numba.core.event import TimingListener, install_listener
 from numpy.typing import NDArray
 
 # Pixels along the picture's edges that do not count, because light from beyond the frame blurred them.
@@ -48,3 +52,23 @@ def peak_memory_mib() -> float | None:
     except OSError:
         return None
     return int(match[1]) / 1024 if match else None
+
+
+@dataclass(slots=True)
+class Stopwatch:
+    """Time of a block in s, which is known after it."""
+
+    seconds: float = 0.0
+
+
+@contextmanager
+def stopwatch() -> Iterator[Stopwatch]:
+    """Measure the time of the block without compilation.
+
+    Only the first run after the installation compiles. Numba compiles one function at a time, whatever the thread.
+    """
+    watch, compiler = Stopwatch(), TimingListener()
+    begin = time.perf_counter()
+    with install_listener("numba:compile", compiler):
+        yield watch
+    watch.seconds = time.perf_counter() - begin - (compiler.duration if compiler.done else 0.0)

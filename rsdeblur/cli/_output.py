@@ -5,13 +5,14 @@ No other module of the command line prints, so that nothing reaches the terminal
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import os
 import sys
 import time
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,9 +61,28 @@ def say_aside(line: object) -> None:
     click.echo("rsdeblur: " + printable(" ".join(str(line).split())), err=True)
 
 
-def reason(error: Exception) -> str:
-    """Return the message of one of the `FAILURES`."""
-    return error.format_message() if isinstance(error, click.UsageError) else str(error)
+def reason(error: Exception, file: object = "") -> str:
+    """Return the message of one of the `FAILURES`, which begins with the name of a file unless it contains it."""
+    message = error.format_message() if isinstance(error, click.UsageError) else str(error)
+    if isinstance(error, OSError) and error.filename is not None:
+        message = f"{error.filename}: {error.strerror}"
+    return message if str(file) in message else f"{file}: {message}"
+
+
+def attempt(facts: dict[str, Any], file: Path, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Return the facts with those that a job returns, or with its error, which is printed and ends this job alone."""
+    try:
+        return facts | work()
+    except FAILURES as error:
+        message = reason(error, file)
+        say_aside(f"error: {message}")
+        return facts | {"error": message}
+
+
+def exit_if_failed(entries: Iterable[Mapping[str, Any]]) -> None:
+    """End the command with an exit code if some of its jobs failed."""
+    if any("error" in entry for entry in entries):
+        click.get_current_context().exit(SOME_FAILED)
 
 
 def say_detail(line: object) -> None:
@@ -89,13 +109,7 @@ def tolerant_output() -> Iterator[None]:
 
 
 def refuse_inputs(output: Path) -> None:
-    """Refuse an output that is one of the files which the command reads, under any name.
-
-    Raises
-    ------
-    OutputError
-        If it is.
-    """
+    """Refuse an output that is one of the files which the command reads, under any name."""
     context = click.get_current_context(silent=True)
     for value in () if context is None else context.params.values():
         for path in value if isinstance(value, tuple) else (value,):
@@ -114,24 +128,15 @@ def _is_same(a: Path, b: Path) -> bool:
 def prepare_folder(folder: Path, names: Iterable[str], *, force: bool, dry_run: bool = False) -> None:
     """Make `folder` if needed and check that the files called `names` may be written into it.
 
-    Folders that were made and are still empty when the command ends are removed. A dry run makes none, and checks
-    whether it could.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be made or has the name of a picture, or a file cannot be written, is an input, or exists
-        and `force` is not set.
+    Folders that were made and are still empty when the command ends are removed. A dry run makes none.
     """
-    from rsdeblur._util.atomic import check_target
-    from rsdeblur.cli._items import WRITABLE
+    from rsdeblur.io.picture_output import KINDS
 
-    if folder.suffix.lower() in WRITABLE and not folder.is_dir():
+    if folder.suffix.lower() in KINDS and not folder.is_dir():
         raise OutputError(f"{folder}: the results are several files, so the output is a folder; give the name of one")
 
     made = [each for each in (folder, *folder.parents) if not each.exists()]
     if dry_run and made:
-        _check_can_make(folder, made[-1].parent)
         return
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -142,15 +147,7 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool, dry_run: 
     if (context := click.get_current_context(silent=True)) is not None:
         context.call_on_close(lambda: _remove_empty(made))
     for name in names:
-        refuse_inputs(folder / name)
-        check_target(folder / name, force=force)
-
-
-def _check_can_make(folder: Path, place: Path) -> None:
-    """Check that `folder` can be made in `place`, the nearest of its parents that exists."""
-    if not place.is_dir() or not os.access(place, os.W_OK):
-        what = "not writable" if place.is_dir() else "a file"
-        raise OutputError(f"{folder}: cannot make the folder: {place} is {what}")
+        check_output(folder / name, force=force)
 
 
 def _remove_empty(folders: Sequence[Path]) -> None:
@@ -160,35 +157,25 @@ def _remove_empty(folders: Sequence[Path]) -> None:
             folder.rmdir()
 
 
-def check_page(path: Path, *, force: bool) -> None:
-    """Check that the report's page can be written, before the work.
-
-    Raises
-    ------
-    OutputError
-        If its name is not that of a page, it cannot be written, is an input, or exists and `force` is not set.
-    """
+def check_output(path: Path, *, force: bool, suffixes: Sequence[str] = (), kind: str = "") -> None:
+    """Check before the work that a file can be written."""
     from rsdeblur._util.atomic import check_target
 
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise OutputError(f"{path}: the report is an HTML page; give it a name like report.html")
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise OutputError(f"{path}: {kind}; give it a name that ends in {suffixes[0]}")
     refuse_inputs(path)
     check_target(path, force=force)
 
 
+def check_page(path: Path | None, *, force: bool) -> None:
+    """Check that the page of a report can be written, if one is asked for; see `check_output`."""
+    if path is not None:
+        check_output(path, force=force, suffixes=(".html", ".htm"), kind="the report is an HTML page")
+
+
 def check_camera_file(path: Path, *, force: bool) -> None:
-    """Check that a camera file can be written, before the work.
-
-    Raises
-    ------
-    OutputError
-        If its name does not end in ``.toml``, it cannot be written, or it exists and `force` is not set.
-    """
-    from rsdeblur._util.atomic import check_target
-
-    if path.suffix.lower() != ".toml":
-        raise OutputError(f"{path}: a camera file is TOML; give it a name like camera.toml")
-    check_target(path, force=force)
+    """Check that a camera file can be written; see `check_output`."""
+    check_output(path, force=force, suffixes=(".toml",), kind="a camera file is TOML")
 
 
 def print_json(payload: Any) -> None:
@@ -204,8 +191,20 @@ def write_json(path: Path, payload: Any) -> None:
         file.write((json.dumps(payload, indent=2) + "\n").encode())
 
 
-def plain_cell(value: Any) -> Any:
-    """Return the value as a cell that no spreadsheet takes for a formula and no terminal for a command."""
+def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write a CSV file, atomically, whose cells no spreadsheet takes for a formula and no terminal for a command."""
+    from rsdeblur._util.atomic import atomic_write
+
+    text = io.StringIO()
+    table = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
+    table.writeheader()
+    for row in rows:
+        table.writerow({name: _plain_cell(value) for name, value in row.items()})
+    with atomic_write(path) as file:
+        file.write(text.getvalue().encode())
+
+
+def _plain_cell(value: Any) -> Any:
     if not isinstance(value, str):
         return value
     text = printable(value)

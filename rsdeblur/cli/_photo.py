@@ -1,29 +1,137 @@
-"""Deblurring of one photo, from its files to the written result: once in `deblur`, for every item in `batch`."""
+"""One photo, from its files to the plan and the written result: the same preparation in every command."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from rsdeblur.cli._gravity import bottom_of_photo, gravity_confirms, gravity_problem
-from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
-from rsdeblur.cli._options import Recording, Track
-from rsdeblur.cli._output import prepare_folder, say_detail
-from rsdeblur.cli._refinement import refinement_facts
+import click
+from click.core import ParameterSource
+
+from rsdeblur.cli._inputs import (
+    Inputs,
+    naming,
+    photo_gravity,
+    read_inputs,
+    read_recording,
+    transfer_of,
+    translation_of,
+    with_offset,
+)
+from rsdeblur.cli._log import Gravity
+from rsdeblur.cli._options import ONE_PHOTO, Recording, flag
+from rsdeblur.cli._output import level, prepare_folder, say_detail
+from rsdeblur.pipeline.options import BLUR, Options
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from rsdeblur.choices import Mode
-    from rsdeblur.pipeline.options import Options
-    from rsdeblur.pipeline.plan import DeblurResult
+    from rsdeblur.estimate.refine import Refinement
+    from rsdeblur.io.pictures import Picture
+    from rsdeblur.motion.paths import BlurPaths
+    from rsdeblur.pipeline.plan import DeblurResult, Plan
+    from rsdeblur.psf import PsfBank
     from rsdeblur.types import Progress
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A photo that is ready to be planned.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        Files of the photo. Without a photo, the picture is None.
+    options : Options
+        Options with what the files decide: transfer, translation, and whether to refine.
+    gravity : Gravity
+        What gravity says of the camera's axes.
+    photo : Path or None
+        The photo, for messages.
+    recording : Recording
+        The options that name the files.
+    """
+
+    inputs: Inputs
+    options: Options
+    gravity: Gravity
+    photo: Path | None
+    recording: Recording
+
+    @property
+    def naming(self) -> Any:
+        """Context that names the file at fault in errors."""
+        return naming(self.photo, self.recording)
+
+    def plan(self, move: Progress | None = None, options: Options | None = None) -> Plan:
+        """Plan the deblurring, and refine the recording first if the options do."""
+        from rsdeblur.pipeline.plan import plan_for
+
+        picture, log, camera, exposure = self.inputs
+        known = self.options.refine and self.gravity.confirms
+        options = options or self.options
+        return plan_for(picture.pixels, log, camera, exposure, options, known_axes=known, progress=move)
+
+    def kernels(self) -> tuple[PsfBank, BlurPaths]:
+        """Return the PSFs of the recording as the files give it, and their paths."""
+        from rsdeblur.pipeline.deblur import NSR
+        from rsdeblur.pipeline.plan import plan
+        from rsdeblur.psf import PsfBank
+
+        nsr = self.options.nsr
+        _, log, camera, exposure = self.inputs
+        with self.naming:
+            planned = plan(log, camera, exposure, replace(self.options, refine=False))
+            paths = planned.tile_paths(NSR if nsr == "auto" else nsr)
+            return planned.frame.bank(PsfBank.from_paths(paths)), paths
+
+
+def prepare(
+    photo: Path | None,
+    recording: Recording,
+    options: Options,
+    *,
+    refine_anyway: bool = True,
+    inputs: Inputs | None = None,
+) -> Prepared:
+    """Read the inputs of a photo, and decide by them how it is deblurred.
+
+    Parameters
+    ----------
+    photo : Path or None
+        The photo. Without one, only kernels can be computed.
+    recording : Recording
+        Names the log, the camera and the exposure.
+    options : Options
+        The options; with `max_memory`, the photo is mapped instead of read.
+    refine_anyway : bool
+        Refine where `options` do although gravity contradicts the axes.
+    inputs : Inputs, optional
+        The inputs, if they have been read.
+    """
+    gravity = Gravity()
+    if photo is None:
+        picture: Any = None
+        inputs = Inputs(picture, *read_recording(recording))
+    else:
+        if inputs is None:
+            inputs = read_inputs(photo, recording, in_place=options.max_memory is not None)
+            inputs = with_offset(inputs, photo) if recording.start == "exif" else inputs
+        gravity = photo_gravity(photo, inputs, recording)
+        options = replace(options, transfer=transfer_of(inputs.picture, options.transfer))
+    # With wrong axes, a correction may make the motion more like the right one, but never right.
+    if options.refine and gravity.problem and not refine_anyway:
+        say_detail(f"{photo}: recording not corrected, because of the direction of gravity; --refine does it anyway")
+        options = replace(options, refine=False)
+    translation = translation_of(recording, inputs.camera, inputs.exposure)
+    return Prepared(inputs, replace(options, translation=translation), gravity, photo, recording)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PhotoJob:
-    """A photo to deblur, with its recording, options and output.
+    """A photo to deblur, with its recording or the file of its PSFs, options and output.
 
     `refine_anyway` refines where the options do although gravity contradicts the axes, as the user asked for it.
     """
@@ -32,72 +140,158 @@ class PhotoJob:
     recording: Recording
     options: Options
     output: Path
-    track: Track = field(default_factory=Track)
+    psf: Path | None = None
     force: bool = False
     dry_run: bool = False
     make_folder: bool = False
     refine_anyway: bool = False
 
 
-def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: bool) -> None:
-    """Check that a result can be written, and make its folder if `make_folder`; a dry run makes none.
+def check_sources(context: click.Context, recording: Recording, psf: Path | None) -> None:
+    """Raise `click.UsageError` unless the blur comes either from a recording or from a file of PSFs."""
+    if psf is None:
+        missing = [flag(name) for name in ("gyro", "camera") if getattr(recording, name) is None]
+        if missing:
+            raise click.UsageError(f"{' and '.join(missing)} missing: give a gyro log and a camera, or --psf", context)
+        return
+    blur = [each.name for each in fields(Options) if each.metadata.get("section") == BLUR]
+    # Kernels have no half colours, and results are not checked.
+    motion = (*ONE_PHOTO, "numbered_from", *blur, "chroma", "fallback")
+    given = [flag(name) for name in motion if context.get_parameter_source(name) is not ParameterSource.DEFAULT]
+    if given:
+        raise click.UsageError(
+            f"--psf gives the blur itself, so these options have no meaning: {', '.join(given)}", context
+        )
 
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+
+def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
+    """Deblur and write one photo, or only read and check its files, and return the facts to report."""
+    _prepare_result(job)
+    if job.psf is not None:
+        return _deconvolve(job, job.psf, move)
+    ready = prepare(job.photo, job.recording, job.options, refine_anyway=job.refine_anyway)
+    if job.dry_run:
+        from rsdeblur.image.encoded import check_size
+
+        with ready.naming:
+            check_size(ready.inputs.picture.pixels.shape, ready.inputs.camera)
+        # As much as possible is checked without solving.
+        bank, _ = ready.kernels()
+        return _planned(job, bank, job.options.mode_in_effect, ready.inputs.picture)
+
+    def solve(out: Any) -> DeblurResult:
+        with ready.naming:
+            return ready.plan(move).apply(ready.inputs.picture.pixels, out=out, progress=move)
+
+    facts = _written(job, ready.inputs.picture, job.options.mode_in_effect, solve)
+    return facts | moment_facts(job.recording, ready.inputs)
+
+
+def _deconvolve(job: PhotoJob, psf: Path, move: Progress | None) -> dict[str, Any]:
+    """Deblur one photo with PSFs from a file, which needs neither log nor camera."""
+    from rsdeblur.io.arrays import read_psfs
+    from rsdeblur.io.pictures import read_picture
+    from rsdeblur.pipeline.deconvolve import check_bank, deconvolve_with, mode_of
+
+    picture = read_picture(job.photo, in_place=job.options.max_memory is not None)
+    bank = read_psfs(psf, picture.pixels.shape)
+    options = replace(job.options, transfer=transfer_of(picture, job.options.transfer), check=False)
+    with naming(psf):
+        check_bank(bank, picture.pixels.shape)
+    if job.dry_run:
+        return _planned(job, bank, mode_of(bank), picture)
+
+    def solve(out: Any) -> DeblurResult:
+        with naming(job.photo):
+            return deconvolve_with(options, picture.pixels, bank, out=out, progress=move)
+
+    return _written(job, picture, mode_of(bank), solve)
+
+
+def _prepare_result(job: PhotoJob) -> None:
+    """Check that the result can be written, and make its folder if the job does; a dry run makes none."""
     from rsdeblur.io.picture_output import check_kind, check_writable
 
-    if make_folder:
-        prepare_folder(output.parent, [], force=force, dry_run=dry_run)
-    if dry_run and make_folder and not output.parent.is_dir():
-        check_kind(output)
+    if job.make_folder:
+        prepare_folder(job.output.parent, [], force=job.force, dry_run=job.dry_run)
+    if job.dry_run and job.make_folder and not job.output.parent.is_dir():
+        check_kind(job.output)
     else:
-        check_writable(output, force=force)
+        check_writable(job.output, force=job.force)
 
 
-class Derived(NamedTuple):
-    """Inputs of a photo, the options with all that these decide, and whether gravity confirms the camera's axes."""
+def _planned(job: PhotoJob, bank: PsfBank, mode: Mode, picture: Picture) -> dict[str, Any]:
+    """Return the facts that a dry run knows."""
+    return {
+        "output": str(job.output),
+        "dry_run": True,
+        "mode": mode,
+        "psf_px": list(bank.size[::-1]),
+        "prior": job.options.prior_name,
+        "size_px": list(picture.pixels.shape[1::-1]),
+    }
 
-    inputs: Inputs
-    options: Options
-    known_axes: bool
+
+def _written(job: PhotoJob, picture: Picture, mode: Mode, solve: Any) -> dict[str, Any]:
+    """Solve and write a picture, and return the facts to report."""
+    from rsdeblur.cli._measure import stopwatch
+    from rsdeblur.io.picture_output import picture_to_fill
+
+    in_place = job.options.max_memory is not None
+    # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
+    with (
+        stopwatch() as watch,
+        picture_to_fill(job.output, picture.pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
+    ):
+        result = solve(out)
+    return facts_of(result, job.output, mode, job.options.prior_name, watch.seconds)
 
 
-def derive(photo: Path, recording: Recording, options: Options, track: Track, *, refine_anyway: bool) -> Derived:
-    """Read the inputs of a photo, and decide by them how it is deblurred.
+def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: str, seconds: float) -> dict[str, Any]:
+    """Return the facts to report about a written result."""
+    return {
+        "output": str(output),
+        "mode": mode,
+        "bands": result.bands,
+        "strips": result.strips,
+        "psf_px": list(result.psfs.size[::-1]),
+        "prior": prior,
+        "nsr": result.nsr,
+        "weight": result.weight,
+        "noise": result.noise,
+        "chroma": result.chroma,
+        "seconds": seconds,
+        "timings": result.timings,
+        "check": None if result.check is None else asdict(result.check),
+        "refinement": None if result.refinement is None else refinement_facts(result.refinement),
+    }
 
-    Parameters
-    ----------
-    photo : Path
-        The photo.
-    recording : Recording
-        Names the log, the camera and the exposure.
-    options : Options
-        The options; with `max_memory`, the photo is mapped instead of read.
-    track : Track
-        Positions of the camera.
-    refine_anyway : bool
-        Refine where `options` do although gravity contradicts the axes.
 
-    Raises
-    ------
-    RsdeblurError
-        If a file is refused.
-    click.UsageError
-        If the options do not give the exposure.
-    """
-    inputs = read_inputs(photo, recording, in_place=options.max_memory is not None)
-    picture, _, camera, exposure = inputs
-    options = with_translation(options, track, camera, exposure)
-    options = replace(options, transfer=transfer_of(picture, options.transfer))
-    # With wrong axes, a correction may make the motion more like the right one, but never right.
-    known = bottom_of_photo(picture.exif), recording, camera, [exposure]
-    if options.refine and not refine_anyway and gravity_problem(photo, *known):
-        say_detail(f"{photo}: recording not corrected, because of the direction of gravity; --refine does it anyway")
-        options = replace(options, refine=False)
-    return Derived(inputs, options, options.refine and gravity_confirms(*known))
+def summary(facts: Mapping[str, Any]) -> str:
+    """Return the facts about a result in one line: how it was made, and the verdict of the check."""
+    wide, tall = facts["psf_px"]
+    tiles = "rows" if facts["mode"] == "rowwise" else "bands"
+    strength = f"NSR {facts['nsr']:.2g}" if facts["weight"] is None else f"weight {facts['weight']:.2g}"
+    check = facts["check"]
+    verdict = "" if check is None else f"; {check['verdict']}"
+    blended = ", blended towards the photo" if check and check["blended"] else ""
+    return (
+        f"{facts['mode']}, {facts['bands']} x {facts['strips']} PSFs ({tiles} x strips) of {wide} x {tall} px, "
+        f"{facts['prior']}, {strength}, {facts['seconds']:.2f} s{verdict}{blended}"
+    )
+
+
+def remarks(facts: Mapping[str, Any], *, asked: bool) -> list[str]:
+    """Return lines about a result: reasons of the check, its moment, and the correction if there is one or `asked`."""
+    check, refinement = facts.get("check"), facts.get("refinement")
+    lines = [f"  {' '.join(check['reasons'])}"] if check and check["reasons"] else []
+    if (offset := facts.get("time_offset_s")) is not None:
+        lines.append(
+            f"  The exposure began {abs(offset):.3f} s {'before' if offset > 0 else 'after'} the time in EXIF."
+        )
+    if refinement and (asked or refinement["accepted"] or level() > 0):
+        lines.append(f"  {correction_text(refinement)}")
+    return lines
 
 
 def moment_facts(recording: Recording, inputs: Inputs) -> dict[str, float]:
@@ -105,99 +299,35 @@ def moment_facts(recording: Recording, inputs: Inputs) -> dict[str, float]:
     return {"time_offset_s": inputs.camera.time_offset} if recording.start == "exif" else {}
 
 
-def moment_lines(facts: Mapping[str, Any]) -> list[str]:
-    """Return a line about the start of an exposure whose time in EXIF is later, of which `moment_facts` are given."""
-    if (offset := facts.get("time_offset_s")) is None:
-        return []
-    return [f"  The exposure began {abs(offset):.3f} s {'before' if offset > 0 else 'after'} the time in EXIF."]
-
-
-def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
-    """Deblur and write one photo, or only read and check its files, and return the facts to report.
-
-    Raises
-    ------
-    RsdeblurError
-        If a file is refused or the result cannot be written.
-    click.UsageError
-        If the options do not give the exposure.
-    """
-    from rsdeblur.io.picture_output import picture_to_fill
-
-    prepare_result(job.output, force=job.force, dry_run=job.dry_run, make_folder=job.make_folder)
-    in_place = job.options.max_memory is not None
-    inputs, options, known_axes = derive(
-        job.photo, job.recording, job.options, job.track, refine_anyway=job.refine_anyway
-    )
-    if job.dry_run:
-        return _dry_run(job, inputs, options)
-    picture, log, camera, exposure = inputs
-
-    from rsdeblur.cli._stopwatch import stopwatch
-    from rsdeblur.pipeline.plan import plan_for
-
-    pixels = picture.pixels
-    # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
-    with (
-        stopwatch() as watch,
-        picture_to_fill(job.output, pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
-        naming(job.photo, job.recording),
-    ):
-        planned = plan_for(pixels, log, camera, exposure, options, known_axes=known_axes, progress=move)
-        result = planned.apply(pixels, out=out, progress=move)
-    facts = facts_of(result, job.output, job.options.mode_in_effect, job.options.prior_name, watch.seconds)
-    return facts | moment_facts(job.recording, inputs)
-
-
-def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: str, seconds: float) -> dict[str, Any]:
-    """Return the facts to report about a written result."""
-    return result_facts(result, output) | {
-        "mode": mode,
-        "prior": prior,
-        "noise": result.noise,
-        "seconds": seconds,
-        "refinement": None if result.refinement is None else refinement_facts(result.refinement),
-    }
-
-
-def result_facts(result: DeblurResult, output: Path) -> dict[str, Any]:
-    """Return the facts that `compare` reports about the result of each mode, too."""
-    tall, wide = result.psfs.size
+def refinement_facts(refinement: Refinement) -> dict[str, Any]:
+    """Return the facts about a correction of the recording, for JSON."""
     return {
-        "output": str(output),
-        "bands": result.bands,
-        "strips": result.strips,
-        "psf_px": [wide, tall],
-        "nsr": result.nsr,
-        "weight": result.weight,
-        "chroma": result.chroma,
-        "timings": result.timings,
-        "check": None if result.check is None else asdict(result.check),
+        "accepted": refinement.accepted,
+        "reason": refinement.reason,
+        "values": asdict(refinement.values),
+        "sd": asdict(refinement.sd),
+        "confidence": refinement.confidence,
+        "gain": refinement.gain,
+        "fall": refinement.fall,
+        "regions": None if refinement.regions is None else refinement.regions.tolist(),
     }
 
 
-def _dry_run(job: PhotoJob, inputs: Inputs, options: Options) -> dict[str, Any]:
-    """Check as much as possible without solving, and return the facts known by then."""
-    from rsdeblur.image.encoded import check_size
-    from rsdeblur.pipeline.deblur import psfs
-
-    picture, log, camera, exposure = inputs
-    with naming(job.photo, job.recording):
-        check_size(picture.pixels.shape, camera)
-        bank = psfs(
-            *(log, camera, exposure),
-            mode=options.mode_in_effect,
-            bands=options.bands,
-            strips=options.strips,
-            motion=options.motion,
-            translation=options.translation,
-            softness=options.softness,
-        )
-    return {
-        "output": str(job.output),
-        "dry_run": True,
-        "mode": options.mode_in_effect,
-        "psf_px": [bank.size[1], bank.size[0]],
-        "prior": options.prior_name,
-        "size_px": [camera.width, camera.height],
+def correction_text(facts: Mapping[str, Any]) -> str:
+    """Return a sentence about a correction of the recording, of which `refinement_facts` are given."""
+    if not facts["accepted"]:
+        reason = facts["reason"]
+        return f"Recording not corrected: {reason}{'' if reason.endswith('?') else '.'}"
+    values = facts["values"]
+    drift, acceleration = ((values[f"{name}_x"], values[f"{name}_y"]) for name in ("drift", "acceleration"))
+    regions = facts["regions"]
+    near = f" (x {min(map(min, regions)):g} to {max(map(max, regions)):g} by region)" if regions else ""
+    texts = {
+        f"focal length x {math.exp(values['scale']):.3f}": values["scale"],
+        "drift {:+.1f} and {:+.1f} px".format(*drift) + near: any(drift),
+        "acceleration {:+.0f} and {:+.0f} px/s²".format(*acceleration): any(acceleration),
+        f"time offset {1e3 * values['offset']:+.1f} ms": values["offset"],
+        f"readout time x {math.exp(values['readout']):.2f}": values["readout"],
+        f"roll bias {values['roll']:+.3f} rad/s": values["roll"],
     }
+    return f"Recording corrected: {', '.join(text for text, changed in texts.items() if changed)}."

@@ -1,22 +1,22 @@
-"""Types of options: times, counts, strengths, sizes, rates."""
+"""Types of option values: times, counts, strengths, sizes, rates. Manifests use them for their cells."""
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any
 
 import click
 
 from rsdeblur import choices
-from rsdeblur.choices import Auto, Count, Strength, Transfer
 
-Start = float | Literal["exif"]
-Bias = tuple[float, float, float]
+UNITS = {"": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 2**10, "mib": 2**20, "gib": 2**30}
 
 
-class NonEmptyPath(click.Path):
+class PathType(click.Path):
     """A path; an empty one, as of a shell variable that is not set, would mean the current folder."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -27,9 +27,6 @@ class NonEmptyPath(click.Path):
             return super().convert(value, param, ctx)
         except ValueError:
             self.fail(f"no file can have the name {value!r}", param, ctx)
-
-
-PATH = NonEmptyPath(path_type=Path)
 
 
 class NumberType(click.FloatRange):
@@ -45,156 +42,121 @@ class NumberType(click.FloatRange):
         return number
 
 
-POSITIVE = NumberType(min=0.0, min_open=True)
+class TextType(click.ParamType[Any]):
+    """Values that a function reads from text; its `ValueError` is wrong usage."""
 
+    def __init__(self, name: str, read: Callable[[str], Any]) -> None:
+        self.name, self.read = name, read
 
-class SecondsType(click.ParamType[float]):
-    """A time: `0.05`, `1/20` or `50ms`; if it is a length, positive or at least not negative."""
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        """Return the form of the text."""
+        return self.name
 
-    name = "SECONDS"
-
-    def __init__(self, *, above: float | None = None, minimum: float | None = None) -> None:
-        self.above, self.minimum = above, minimum
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return seconds."""
-        seconds = value if isinstance(value, float) else self._seconds(value, param, ctx)
-        if self.above is not None and seconds <= self.above:
-            self.fail(f"{value} is not greater than {self.above:g}", param, ctx)
-        if self.minimum is not None and seconds < self.minimum:
-            self.fail(f"{value} is less than {self.minimum:g}", param, ctx)
-        return seconds
-
-    def _seconds(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        number = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
-        match = re.fullmatch(rf"{number}(?:/{number})?\s*(s|ms|us)?", str(value))
-        try:
-            if match is None:
-                raise ValueError(value)
-            above, below, unit = match.groups(default="")
-            seconds = float(above) / float(below or 1.0) / {"": 1.0, "s": 1.0, "ms": 1e3, "us": 1e6}[unit]
-            if not math.isfinite(seconds):
-                raise ValueError(value)
-            return seconds
-        except (ValueError, ZeroDivisionError):
-            self.fail(f"{value!r} is not a time; write 0.05, 1/20 or 50ms", param, ctx)
-
-
-class StartType(SecondsType):
-    """A time, or `exif`: that of the photo's EXIF block."""
-
-    name = "SECONDS|exif"
-
-    def convert(  # type: ignore[override]
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> Start:
-        """Return seconds, or "exif"."""
-        return "exif" if value == "exif" else super().convert(value, param, ctx)
-
-
-class PairType(click.ParamType[tuple[float, float]]):
-    """Two numbers, `X,Y`."""
-
-    name = "X,Y"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
-        """Return both numbers."""
-        try:
-            x, y = (float(number) for number in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not a pair of numbers; write 3,-2", param, ctx)
-        return x, y
-
-
-class DepthType(click.ParamType[Any]):
-    """A distance in m, or the file of a map of depths."""
-
-    name = "METRES|FILE"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | Path:
-        """Return the distance, or the file's path."""
-        try:
-            number = float(value)
-        except ValueError:
-            return Path(value)
-        return float(POSITIVE.convert(number, param, ctx))
-
-
-class AutoType(click.ParamType[Any]):
-    """A whole number from 1 up, or `auto`."""
-
-    name = "N|auto"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Count:
-        """Return the number, or "auto"."""
-        return "auto" if value == "auto" else click.IntRange(min=1).convert(value, param, ctx)
-
-
-class StrengthType(click.ParamType[Any]):
-    """A positive number, or `auto`."""
-
-    name = "X|auto"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Strength:
-        """Return the number, or "auto"."""
-        return "auto" if value == "auto" else POSITIVE.convert(value, param, ctx)
-
-
-class BytesType(click.ParamType[Any]):
-    """An amount of memory: 500MB, 1GiB."""
-
-    name = "SIZE"
-    units: ClassVar = {"": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 2**10, "mib": 2**20, "gib": 2**30}
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the number of bytes."""
-        match = re.fullmatch(r"(\d+(?:\.\d*)?)\s*([kmg]i?b)?", str(value).strip().lower())
-        if not match:
-            self.fail(f"{value!r} is not an amount of memory like 1GiB or 500MB", param, ctx)
-        return int(float(match[1]) * self.units[match[2] or ""])
-
-
-class TransferType(click.ParamType[Any]):
-    """Encoding of light in pixel values: a name, a gamma, or `auto`."""
-
-    name = "auto|linear|srgb|GAMMA"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Transfer | Auto:
-        """Return the name, or the gamma as a number."""
-        names: tuple[Literal["auto", "linear", "srgb"], ...] = ("auto", *choices.TRANSFERS)
-        for name in names:
-            if value == name:
-                return name
-        return float(POSITIVE.convert(value, param, ctx))
-
-
-class SizeType(click.ParamType[tuple[int, int]]):
-    """Size of a picture, `WIDTHxHEIGHT`."""
-
-    name = "WIDTHxHEIGHT"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """Return (width, height)."""
-        match = re.fullmatch(r"(\d+)x(\d+)", str(value))
-        if match is None:
-            self.fail(f"{value!r} is not a size; write 1024x768", param, ctx)
-        return int(match[1]), int(match[2])
-
-
-class BiasType(click.ParamType[Any]):
-    """Three angular rates: `0.01,-0.02,0.005` in rad/s, or with a unit, `-1.8,0,0.1deg/s`."""
-
-    name = "WX,WY,WZ"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Bias:
-        """Return rad/s."""
-        if isinstance(value, tuple):
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the value of a text; other values are defaults."""
+        if not isinstance(value, str):
             return value
-        text, degrees = re.subn(r"\s*deg/s$", "", str(value).strip())
         try:
-            x, y, z = (float(number) for number in re.sub(r"\s*rad/s$", "", text).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not three rates; write 0.01,-0.02,0.005 (rad/s) or -1.8,0,0.1deg/s", param, ctx)
-        if not math.isfinite(x + y + z):
-            self.fail(f"{value!r} must be finite", param, ctx)
-        return (math.radians(x), math.radians(y), math.radians(z)) if degrees else (x, y, z)
+            return self.read(value)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+def seconds(text: str, *, above: float = -math.inf, least: float = -math.inf) -> float:
+    """Return the time of `0.05`, `1/20` or `50ms`, s."""
+    number = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
+    match = re.fullmatch(rf"{number}(?:/{number})?\s*(s|ms|us)?", text)
+    try:
+        upper, lower, unit = match.groups(default="") if match else ("", "", "")
+        value = float(upper) / float(lower or 1.0) / {"": 1.0, "s": 1.0, "ms": 1e3, "us": 1e6}[unit]
+    except (ValueError, ZeroDivisionError):
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is not a time; write 0.05, 1/20 or 50ms")
+    if value <= above:
+        raise ValueError(f"{text} is not greater than {above:g}")
+    if value < least:
+        raise ValueError(f"{text} is less than {least:g}")
+    return value
+
+
+def numbers(text: str, example: str, kind: type[float] = float, count: int | None = None) -> tuple[Any, ...]:
+    """Return numbers that are separated by commas."""
+    try:
+        values = tuple(map(kind, text.split(",")))
+    except ValueError:
+        values = (math.nan,)
+    if not all(map(math.isfinite, values)) or count not in (None, len(values)):
+        raise ValueError(f"{text!r} is not right; write {example}")
+    return values
+
+
+def rates(text: str) -> tuple[float, ...]:
+    """Return three angular rates in rad/s."""
+    plain, degrees = re.subn(r"\s*deg/s$", "", text.strip())
+    values = numbers(re.sub(r"\s*rad/s$", "", plain), "0.01,-0.02,0.005 (rad/s) or -1.8,0,0.1deg/s", count=3)
+    return tuple(map(math.radians, values)) if degrees else values
+
+
+def whole(text: str) -> int:
+    """Return a whole number of 64 bits; programs add ".0" to those of a column that has gaps."""
+    plain = re.sub(r"\.0+$", "", text)
+    if not re.fullmatch(r"[-+]?\d+", plain) or not -(2**63) <= int(plain) < 2**63:
+        raise ValueError(f"{text!r} is not a whole number of 64 bits")
+    return int(plain)
+
+
+def size_in_bytes(text: str) -> int:
+    """Return the bytes of `500MB` or `1GiB`."""
+    match = re.fullmatch(r"(\d+(?:\.\d*)?)\s*([kmg]i?b)?", text.strip().lower())
+    if not match:
+        raise ValueError(f"{text!r} is not an amount of memory like 1GiB or 500MB")
+    return int(float(match[1]) * UNITS[match[2] or ""])
+
+
+def box(text: str, pattern: str, example: str) -> tuple[int, ...]:
+    """Return the whole numbers of a text like `1024x768`."""
+    match = re.fullmatch(pattern, text)
+    if match is None:
+        raise ValueError(f"{text!r} is not right; write {example}")
+    return tuple(map(int, match.groups()))
+
+
+def depth(text: str) -> float | Path:
+    """Return a distance in m, or the file of a map of depths."""
+    try:
+        float(text)
+    except ValueError:
+        return Path(text)
+    return float(POSITIVE.convert(text, None, None))
+
+
+def _or(words: tuple[str, ...], kind: click.ParamType[Any]) -> Callable[[str], Any]:
+    return lambda text: text if text in words else kind.convert(text, None, None)
+
+
+PATH = PathType(path_type=Path)
+POSITIVE = NumberType(min=0.0, min_open=True)
+NOT_NEGATIVE = NumberType(min=0.0)
+COUNT = click.IntRange(min=1)
+INDEX = TextType("N", lambda text: click.IntRange(min=0).convert(whole(text), None, None))
+NANOSECONDS = TextType("NS", whole)
+SECONDS = TextType("SECONDS", seconds)
+DURATION = TextType("SECONDS", partial(seconds, above=0.0))
+READOUT = TextType("SECONDS", partial(seconds, least=0.0))
+START = TextType("SECONDS|exif", _or(("exif",), SECONDS))
+RATES = TextType("WX,WY,WZ", rates)
+PAIR = TextType("X,Y", partial(numbers, example="3,-2", count=2))
+DEPTH = TextType("METRES|FILE", depth)
+SIZE = TextType("WIDTHxHEIGHT", partial(box, pattern=r"(\d+)x(\d+)", example="1024x768"))
+# Types of the numbers of `Options`, by the kinds that its fields name.
+KINDS: dict[str, click.ParamType[Any]] = {
+    "count": TextType("N|auto", _or(("auto",), COUNT)),
+    "strength": TextType("X|auto", _or(("auto",), POSITIVE)),
+    "noise": TextType("X|auto", _or(("auto",), POSITIVE)),
+    "exponent": NumberType(min=0.0, min_open=True, max=1.0),
+    "softness": NumberType(0.0, 1.0),
+    "transfer": TextType("auto|linear|srgb|GAMMA", _or(("auto", *choices.TRANSFERS), POSITIVE)),
+    "threads": COUNT,
+    "memory": TextType("SIZE", size_in_bytes),
+}

@@ -11,8 +11,7 @@ import click
 from click.core import ParameterSource
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._command import Command
-from rsdeblur.cli._options import Recording
+from rsdeblur.cli._options import MANY, Command, Recording, option
 from rsdeblur.cli._output import say
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError
@@ -30,9 +29,9 @@ Examples:
 
 @click.command("app", cls=Command, epilog=EXAMPLES)
 @click.argument("photos", metavar="[PHOTO]...", nargs=-1, type=PATH)
-@_options.recording_options(required=False)
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page.  [default: a free one]")
-@click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
+@_options.recording_options(*MANY, required=())
+@option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page.  [default: a free one]")
+@option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
 def command(photos: tuple[Path, ...], recording: Recording, port: int, no_browser: bool) -> None:
     """Open a page that deblurs while its sliders move.
 
@@ -40,9 +39,8 @@ def command(photos: tuple[Path, ...], recording: Recording, port: int, no_browse
     shows a crop with its PSFs and the check's verdict, copies the command for `rsdeblur deblur`, and saves the full
     picture with the same code. Ctrl-C ends it.
     """
-    from rsdeblur.cli._desk import Desk, check_files
+    from rsdeblur.cli._desk import Desk
 
-    check_files(photos, recording)
     with (
         Desk([str(photo.absolute()) for photo in photos], _given(click.get_current_context())) as desk,
         _server(desk, port) as server,
@@ -69,7 +67,6 @@ def _server(desk: Desk, port: int) -> LocalServer:
 
 def _given(ctx: click.Context) -> dict[str, str]:
     """Return the options of the recording that the command line gives, as text."""
-    from rsdeblur.cli._form import RECORDING
 
     def text(value: Any) -> str:
         if isinstance(value, Path):
@@ -79,5 +76,5 @@ def _given(ctx: click.Context) -> dict[str, str]:
     return {
         name: text(value)
         for name, value in ctx.params.items()
-        if name in RECORDING and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        if name in MANY and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE
     }

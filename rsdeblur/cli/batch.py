@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import json
 import time
 import warnings
@@ -19,32 +17,36 @@ import click
 
 from rsdeblur._util.files import read_file
 from rsdeblur.choices import BATCH, SHARP
-from rsdeblur.cli import _options, _refinement
-from rsdeblur.cli._command import Command
-from rsdeblur.cli._items import COLUMNS, FILES, Item, numbered_from_option, read_items
-from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
-from rsdeblur.cli._options import Defaults, Target
+from rsdeblur.cli import _options
+from rsdeblur.cli._items import COLUMNS, Item, read_items
+from rsdeblur.cli._options import FILES, MANY, Command, Recording, Target, option, shared_threads
 from rsdeblur.cli._output import (
     SOME_FAILED,
     check_page,
     level,
-    plain_cell,
     prepare_folder,
     print_json,
     print_table,
     progress,
+    reason,
     say,
     say_aside,
     write_json,
+    write_table,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
+from rsdeblur.pipeline.options import COMPUTING
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options
 
 TABLE = "batch.csv"
+COLUMNS_OF_TABLE = (
+    *("photo", "output", "state", "mode", "bands", "strips", "psf_px", "prior", "nsr", "weight", "seconds"),
+    *("verdict", "reasons", "error"),
+)
 # Rows of a table that fits a screen.
 MOST_ROWS = 40
 
@@ -68,54 +70,49 @@ Examples:
 """
 
 
-def _only(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> Path:
-    """Return the only file or folder; several are probably photos that a shell listed."""
-    if len(value) > 1:
-        raise click.UsageError(
-            f"{len(value)} files, but batch takes one manifest or folder; for photos by name: rsdeblur deblur PHOTO...",
-            ctx,
-        )
-    return value[0]
-
-
 @click.command("batch", cls=Command, help=HELP, epilog=EXAMPLES)
-@click.argument("source", type=PATH, metavar="MANIFEST|FOLDER", nargs=-1, required=True, callback=_only)
-@_options.defaults_options
-@numbered_from_option
-@_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
-@_refinement.option
-@workers_options
+@click.argument("source", type=PATH, metavar="MANIFEST|FOLDER")
+@_options.recording_options(*MANY, required=())
+@_options.numbered_from_option
+@_options.solve_options(*(name for name in _options.SOLVE if name != "refine"))
+@_options.refine_option
+@_options.jobs_option("processes", "half the number of cores")
+@option(
+    "--scheduler",
+    section=COMPUTING,
+    metavar="ADDRESS",
+    help="Dask scheduler whose workers do the work; they need the same files.",
+)
 @_options.target_options(
     "DIR",
     "Folder to write to.  [default: MANIFEST-sharp or FOLDER-sharp beside it]",
     default=lambda source, **_: _options.beside(source, SHARP),
-    force=click.option("--force", is_flag=True, help="Deblur finished photos again, and replace files that exist."),
     dry_run=True,
 )
-@click.option("--report", type=PATH, metavar="HTML", help="Also write a page of thumbnails with the verdicts.")
+@_options.report_option
 def command(
     source: Path,
-    defaults: Defaults,
+    recording: Recording,
     numbered_from: int | None,
     options: Options,
     refine: bool | None,
-    workers: Workers,
+    jobs: int | None,
+    scheduler: str | None,
     target: Target,
     report: Path | None,
 ) -> None:
     """Deblur the photos of a manifest or of a session folder."""
-    options = _refinement.with_refinement(options, refine)
-    items = read_items(source, defaults, target.output, numbered_from=numbered_from)
+    options = _options.with_refinement(options, refine)
+    items = read_items(source, recording, target.output, numbered_from=numbered_from)
     if not items:
         raise InputError(f"{source}: there is nothing to do, because no photo is listed")
-    if report is not None:
-        check_page(report, force=target.force)
-    jobs, threads = shared_threads(workers.jobs, options.threads, alone=workers.scheduler is None)
+    check_page(report, force=target.force)
+    jobs, threads = shared_threads(jobs, options.threads, alone=scheduler is None)
     earlier = _earlier(target.output / BATCH)
     prepare_folder(target.output, [TABLE, BATCH], force=target.force or bool(earlier), dry_run=target.dry_run)
     options = replace(options, threads=threads)
     batch = _Batch(target, options, earlier, refine_anyway=bool(refine))
-    batch.run(items, jobs, workers.scheduler)
+    batch.run(items, jobs, scheduler)
     summary = batch.summary()
     if report is not None and not target.dry_run:
         from rsdeblur.report import write_batch_page
@@ -208,7 +205,7 @@ class _Batch:
             return
         content = summary | {"recipes": self._recipes}
         write_json(self._target.output / BATCH, content | {"digest": _digest(content)})
-        _write_table(self._target.output / TABLE, summary["items"])
+        write_table(self._target.output / TABLE, COLUMNS_OF_TABLE, map(_row, summary["items"]))
 
     def _tasks(self, items: list[Item]) -> Iterator[tuple[int, PhotoJob]]:
         """Yield the jobs to do by the items' numbers; the other items get their states."""
@@ -269,11 +266,7 @@ def _as_row(entry: dict[str, Any]) -> Iterator[None]:
     try:
         yield
     except (RsdeblurError, OSError, ValueError) as error:
-        reason = str(error)
-        if isinstance(error, OSError) and error.filename is not None:
-            reason = f"{error.filename}: {error.strerror}"
-        message = reason if entry["photo"] in reason else f"{entry['photo']}: {reason}"
-        entry |= {"state": "failed", "error": message}
+        entry |= {"state": "failed", "error": reason(error, entry["photo"])}
 
 
 def work(task: tuple[int, PhotoJob]) -> dict[str, Any]:
@@ -330,34 +323,24 @@ def _state(path: Path | None) -> tuple[str, int, int] | None:
     return path.name, status.st_size, status.st_mtime_ns
 
 
-def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:
-    from rsdeblur._util.atomic import atomic_write
-
-    columns = ("photo", "output", "state", "mode", "bands", "strips", "psf_px", "prior", "nsr", "weight", "seconds")
-    text = io.StringIO()
-    table = csv.DictWriter(text, (*columns, "verdict", "reasons", "error"), extrasaction="ignore", lineterminator="\n")
-    table.writeheader()
-    for entry in entries:
-        size = {"psf_px": "{}x{}".format(*entry["psf_px"])} if "psf_px" in entry else {}
-        check = entry.get("check")
-        verdict = {} if check is None else {"verdict": check["verdict"], "reasons": " ".join(check["reasons"])}
-        table.writerow({name: plain_cell(value) for name, value in (entry | size | verdict).items()})
-    with atomic_write(path) as file:
-        file.write(text.getvalue().encode())
+def _row(entry: dict[str, Any]) -> dict[str, Any]:
+    """Return what the table has of an entry."""
+    size = {"psf_px": "{}x{}".format(*entry["psf_px"])} if "psf_px" in entry else {}
+    check = entry.get("check")
+    verdict = {} if check is None else {"verdict": check["verdict"], "reasons": " ".join(check["reasons"])}
+    return entry | size | verdict
 
 
 def _print(summary: dict[str, Any], target: Target) -> None:
     entries = summary["items"]
     # Of a long list, the table has only what needs a look.
-    shown = entries if len(entries) <= MOST_ROWS or level() > 0 else [entry for entry in entries if not _is_good(entry)]
+    is_long = len(entries) > MOST_ROWS and level() <= 0
+    shown = [entry for entry in entries if not (is_long and _is_good(entry))]
     rows = []
-    for entry in shown:
-        tiles = f"{entry['bands']} x {entry['strips']}" if "bands" in entry else ""
-        size = "{} x {}".format(*entry["psf_px"]) if "psf_px" in entry else ""
-        seconds = f"{entry['seconds']:.2f}" if "seconds" in entry else ""
-        check = entry.get("check")
-        verdict = "" if check is None else check["verdict"]
-        rows.append([entry["photo"], entry["state"], tiles, size, seconds, verdict])
+    for row in map(_row, shown):
+        tiles = f"{row['bands']} x {row['strips']}" if "bands" in row else ""
+        seconds = f"{row['seconds']:.2f}" if "seconds" in row else ""
+        rows.append([row["photo"], row["state"], tiles, row.get("psf_px", ""), seconds, row.get("verdict", "")])
     print_table(["photo", "state", "bands x strips", "PSF px", "time s", "check"], rows)
     if len(shown) < len(entries):
         say(f"({len(entries) - len(shown)} good results are not listed; {TABLE} has all)")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,12 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._command import Command
-from rsdeblur.cli._inputs import clip_exposures, naming, read_log, read_recording
-from rsdeblur.cli._items import FOR_PHOTOS, ONE_OF_MANY, numbered_from_option, read_items, refuse_given
-from rsdeblur.cli._options import Defaults, Moments, Target
+from rsdeblur.cli._inputs import clip_exposures, indices_of, naming, read_recording
+from rsdeblur.cli._items import read_items
+from rsdeblur.cli._log import read_log
+from rsdeblur.cli._options import FOR_PHOTOS, Command, Recording, Target, option, refuse_given, require
 from rsdeblur.cli._output import check_camera_file, print_json, print_table, progress, say
-from rsdeblur.cli._types import PATH, SecondsType
+from rsdeblur.cli._types import PATH, SECONDS
+from rsdeblur.errors import FileFormatError, InputError, RsdeblurError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,12 +47,8 @@ STATES = ("assumed", "determined")
 SEARCH, PHOTO_SEARCH = (-1.0, 1.0), (-0.03, 0.03)
 
 
-@dataclass(frozen=True, slots=True)
-class Numbering:
-    """Number of the first photo in the capture file, and that of the first frame in the names of photos."""
-
-    index: int | None
-    numbered_from: int | None
+# Options that say where the files are, and when the pictures were taken.
+GIVEN = tuple(name for name in _options.MANY if name not in ("time_offset", "readout_time", "focal_length"))
 
 
 class Photos(NamedTuple):
@@ -66,28 +62,11 @@ class Photos(NamedTuple):
 
 @click.command("calibrate", cls=Command, epilog=EXAMPLES)
 @click.argument("sources", type=PATH, metavar="CLIP|PHOTO...|MANIFEST", nargs=-1, required=True)
-@_options.calibration_options
-@click.option("--camera", "camera_file", type=PATH, metavar="FILE", help="Camera file with start values.")
-@_options.gathered(
-    "numbering",
-    Numbering,
-    (
-        click.option(
-            "--index",
-            type=click.IntRange(min=0),
-            help="Number of the first PHOTO in --capture; the others follow.  [default: by the names of the photos, "
-            "or 0 if there are as many]",
-        ),
-        numbered_from_option,
-    ),
-)
-@click.option(
-    "--from", "first", type=SecondsType(), help="First time offset.  [default: -1s, of photos with their blur -30ms]"
-)
-@click.option(
-    "--to", "last", type=SecondsType(), help="Last time offset.  [default: 1s, of photos with their blur 30ms]"
-)
-@click.option(
+@_options.recording_options(*GIVEN, required=())
+@_options.numbered_from_option
+@option(*("--from", "first"), type=SECONDS, help="First time offset.  [default: -1s; -30ms where the blur counts]")
+@option(*("--to", "last"), type=SECONDS, help="Last time offset.  [default: 1s; 30ms where the blur counts]")
+@option(
     "--frames",
     type=click.IntRange(min=RUN),
     default=128,
@@ -97,9 +76,8 @@ class Photos(NamedTuple):
 @_options.target_options("TOML", "Camera file to write.")
 def command(
     sources: tuple[Path, ...],
-    recording: Moments,
-    camera_file: Path | None,
-    numbering: Numbering,
+    recording: Recording,
+    numbered_from: int | None,
     first: float | None,
     last: float | None,
     frames: int,
@@ -112,26 +90,27 @@ def command(
     Turn the camera unevenly about all of its axes, some seconds long, before a distant scene with texture; switch off
     stabilisation. --from and --to are relative to the time offset in the camera file.
 
-    Photos of a burst are frames. Of other photos, at least three, the blur gives the same numbers but the bias, less
+    --camera gives start values. Photos of a burst are frames; --index is the number of the first one in --capture, and
+    the others follow. Of other photos, at least three, the blur gives the same numbers but the bias, less
     precisely. A MANIFEST or a session folder, as for `batch`, lists photos with logs of their own.
 
     A value that the pictures do not determine is assumed: it keeps its start value. Exit code 1 means that the fit is
     not trustworthy; then no file is written.
     """
-    from rsdeblur.errors import InputError
     from rsdeblur.estimate.calibrate import calibrate
     from rsdeblur.estimate.calibrate_photos import calibrate_photos
 
     check_camera_file(target.output, force=target.force)
     name = sources[0]
     with progress("calibrate") as move, naming(name, recording):
-        film = _film(sources, recording, camera_file, numbering, frames, target.output)
+        film = _film(sources, recording, numbered_from, frames, target.output)
+        is_clip = _is_clip(film)
+        usual = SEARCH if is_clip else PHOTO_SEARCH
+        search = usual[0] if first is None else first, usual[1] if last is None else last
         result: Calibration | PhotoCalibration
-        if _is_clip(film):
-            search = _search(SEARCH, first, last)
+        if is_clip:
             result = calibrate(film.pictures, film.exposures, film.logs[0], film.start, search=search, progress=move)
         else:
-            search = _search(PHOTO_SEARCH, first, last)
             result = calibrate_photos(
                 film.pictures, film.exposures, film.logs, film.start, search=search, progress=move
             )
@@ -147,10 +126,6 @@ def command(
         say(f"{target.output}: written")
 
 
-def _search(usual: tuple[float, float], first: float | None, last: float | None) -> tuple[float, float]:
-    return usual[0] if first is None else first, usual[1] if last is None else last
-
-
 def _is_clip(film: Photos) -> bool:
     """Return whether enough neighbouring pictures, of one log, are so near in time that they show the same things."""
     from rsdeblur.estimate.calibrate import LEAST_PAIRS
@@ -163,54 +138,34 @@ def _is_clip(film: Photos) -> bool:
     return near >= LEAST_PAIRS and all(log is film.logs[0] for log in film.logs)
 
 
-def _film(
-    sources: Sequence[Path],
-    recording: Moments,
-    camera_file: Path | None,
-    numbering: Numbering,
-    count: int,
-    output: Path,
-) -> Photos:
+def _film(sources: Sequence[Path], recording: Recording, numbered_from: int | None, count: int, output: Path) -> Photos:
     """Return the pictures to use, their exposures and logs, and the camera with the start values."""
-    from rsdeblur.errors import FileFormatError
     from rsdeblur.io.pictures import is_picture
     from rsdeblur.io.source import Source
 
     if len(sources) == 1 and (sources[0].is_dir() or sources[0].suffix.lower() == ".csv"):
-        return _listed(sources[0], recording, camera_file, numbering, output)
-    if recording.gyro is None:
-        raise click.UsageError("Missing option '--gyro'", ctx=click.get_current_context())
+        return _listed(sources[0], recording, numbered_from, output)
+    require(recording, "gyro")
     log = read_log(recording).log
     others = [source for source in sources if not is_picture(Source(source, "video or picture"))]
     if others and len(sources) > 1:
         raise FileFormatError(f"{others[0]}: not a picture; give photos, or one clip, folder or manifest alone")
     if not others:
-        pictures, exposures, size = _photos(sources, recording, numbering)
+        pictures, exposures, size = _photos(sources, recording, numbered_from)
     else:
+        from rsdeblur.estimate.calibrate import LEAST_PAIRS
         from rsdeblur.video.clip import frames, open_clip
         from rsdeblur.video.pixels import values_of
 
-        refuse_given(FOR_PHOTOS, **asdict(numbering))
+        refuse_given(FOR_PHOTOS, index=recording.index, numbered_from=numbered_from)
         clip = open_clip(sources[0])
-        _check_length(len(clip))
+        if len(clip) <= LEAST_PAIRS:
+            raise InputError(f"the clip has {len(clip)} frames; at least {LEAST_PAIRS + 1} are needed, of some seconds")
         every = clip_exposures(clip, recording)
         runs = _runs(len(clip), count)
         pictures = (values_of(frame) for run in runs for frame in frames(clip, run.start, run.stop))
         exposures, size = [every[i] for run in runs for i in run], (clip.width, clip.height)
-    return Photos(pictures, exposures, [log] * len(exposures), _start(camera_file, sources[0], size))
-
-
-def _check_length(frames: int) -> None:
-    """Refuse a clip that is too short for the motion between its frames."""
-    from rsdeblur.errors import InputError
-    from rsdeblur.estimate.calibrate import LEAST_PAIRS
-    from rsdeblur.estimate.clip_matches import LONGEST_STEP
-
-    if frames <= LEAST_PAIRS:
-        raise InputError(
-            f"the clip has {frames} frame{'s' * (frames > 1)}; at least {LEAST_PAIRS + 1} are needed, at most "
-            f"{LONGEST_STEP:g} s apart; give a clip of some seconds"
-        )
+    return Photos(pictures, exposures, [log] * len(exposures), _start(recording.camera, sources[0], size))
 
 
 def _runs(length: int, count: int) -> list[range]:
@@ -223,25 +178,20 @@ def _runs(length: int, count: int) -> list[range]:
 
 
 def _photos(
-    photos: Sequence[Path], recording: Moments, numbering: Numbering
+    photos: Sequence[Path], recording: Recording, numbered_from: int | None
 ) -> tuple[Iterator[NDArray[Any]], list[Exposure], tuple[int, int]]:
-    from rsdeblur.errors import FileFormatError, InputError
     from rsdeblur.io import read_captures, read_picture
     from rsdeblur.io.pictures import read_header
-    from rsdeblur.io.sessions import indices_of
 
     if recording.capture is None:
-        raise click.UsageError(
-            "photos need --capture FILE, which lists their exposures, or a manifest", ctx=click.get_current_context()
-        )
+        raise click.UsageError("photos need --capture FILE, which lists their exposures, or a manifest")
     exposures = read_captures(recording.capture, duration=recording.duration)
-    index = numbering.index
+    index = recording.index
     if index is None and len(exposures) != len(photos):
-        matches = indices_of(list(photos), recording.capture, numbered_from=numbering.numbered_from)
-        for match in matches:
-            if match.error is not None or match.index is None:
-                raise FileFormatError(f"{match.path}: {match.error}; or give --index, the number of the first photo")
-        exposures = [exposures[match.index] for match in matches if match.index is not None]
+        try:
+            exposures = [exposures[i] for i in indices_of(photos, recording.capture, numbered_from)]
+        except FileFormatError as error:
+            raise FileFormatError(f"{error}; or give --index, the number of the first photo") from error
     exposures = exposures[index or 0 :]
     if len(exposures) < len(photos):
         raise InputError(
@@ -252,15 +202,11 @@ def _photos(
     return (read_picture(photo).pixels for photo in photos), exposures[: len(photos)], (width, height)
 
 
-def _listed(source: Path, recording: Moments, camera_file: Path | None, numbering: Numbering, output: Path) -> Photos:
+def _listed(source: Path, recording: Recording, numbered_from: int | None, output: Path) -> Photos:
     """Return the photos of a manifest or of a session folder."""
-    from rsdeblur.errors import FileFormatError
     from rsdeblur.io import read_picture
 
-    refuse_given(ONE_OF_MANY, index=numbering.index, start=recording.start, start_ns=recording.start_ns)
-    known = asdict(recording) | dict.fromkeys(("time_offset", "readout_time", "focal_length"))
-    del known["start_ns"]
-    items = read_items(source, Defaults(camera=camera_file, **known), output, numbered_from=numbering.numbered_from)
+    items = read_items(source, recording, output, numbered_from=numbered_from)
     if not items:
         raise FileFormatError(f"{source}: no photo is listed")
     found = []
@@ -275,7 +221,6 @@ def _listed(source: Path, recording: Moments, camera_file: Path | None, numberin
 
 def _start(path: Path | None, source: Path, size: tuple[int, int]) -> Camera:
     """Return the camera with the start values: those of a file, of EXIF, or a guess."""
-    from rsdeblur.errors import RsdeblurError
     from rsdeblur.io import open_camera
     from rsdeblur.motion.camera import Camera
 

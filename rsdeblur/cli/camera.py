@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from rsdeblur.choices import READOUT_DIRECTIONS, TIMESTAMP_MARKS
 from rsdeblur.cli import _options
-from rsdeblur.cli._command import Command
-from rsdeblur.cli._options import Target
+from rsdeblur.cli._inputs import naming, transfer_of
+from rsdeblur.cli._options import Command, Target, option
 from rsdeblur.cli._output import check_camera_file, print_json, say
-from rsdeblur.cli._types import PATH, POSITIVE, NumberType, SecondsType, SizeType
+from rsdeblur.cli._types import COUNT, PATH, POSITIVE, READOUT, SECONDS, SIZE, NumberType, TextType, box, numbers
+from rsdeblur.cli.info import camera_facts, print_entry
+from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
@@ -34,52 +37,25 @@ Examples:
 """
 
 
-class BoxType(click.ParamType[tuple[int, int, int, int]]):
-    """A part of a picture, `WIDTHxHEIGHT+LEFT+TOP`."""
-
-    name = "WxH+X+Y"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int, int, int]:
-        """Return (left, top, width, height)."""
-        match = re.fullmatch(r"(\d+)x(\d+)\+(\d+)\+(\d+)", str(value))
-        if match is None:
-            self.fail(f"{value!r} is not a part of a picture; write 1920x1080+960+540", param, ctx)
-        width, height, left, top = map(int, match.groups())
-        return left, top, width, height
-
-
-class NumbersType(click.ParamType[tuple[float, ...]]):
-    """Numbers separated by commas."""
-
-    name = "A,B,..."
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
-        """Return the numbers."""
-        try:
-            return tuple(map(float, str(value).split(",")))
-        except ValueError:
-            self.fail(f"{value!r} is not a list of numbers; write 1.5,2,-3", param, ctx)
-
-
+NUMBERS = TextType("A,B,...", partial(numbers, example="1.5,2,-3"))
+BOX = TextType("WxH+X+Y", partial(box, pattern=r"(\d+)x(\d+)\+(\d+)\+(\d+)", example="1920x1080+960+540"))
+# Values that calibration files do not contain.
 SETTINGS: tuple[Callable[[Any], Any], ...] = (
-    click.option("--readout-time", type=SecondsType(minimum=0.0), help="Readout time of the picture."),
-    click.option(
+    option("--readout-time", type=READOUT, help="Readout time of the picture."),
+    option(
         "--readout-direction",
-        type=click.Choice(["top-down", "bottom-up", "left-right", "right-left"]),
+        type=click.Choice(READOUT_DIRECTIONS),
         help="Direction of the readout in the picture as stored.",
     ),
-    click.option(
-        "--imu",
-        "imu_to_camera",
+    option(
+        *("--imu", "imu_to_camera"),
         metavar="NAME",
         help="Axes of the gyro: phone-portrait, phone-landscape, gyroflow, or an orientation string like YxZ.",
     ),
-    click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time."),
-    click.option(
+    option("--time-offset", type=SECONDS, help="Camera time minus gyro time."),
+    option(
         "--timestamp-marks",
-        type=click.Choice(["start", "middle", "end"]),
+        type=click.Choice(TIMESTAMP_MARKS),
         help="Moment of the timestamps: the start of the first row's exposure, the middle of the middle row's, or the "
         "end of the last row's.",
     ),
@@ -87,9 +63,9 @@ SETTINGS: tuple[Callable[[Any], Any], ...] = (
 
 
 def settings(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options for values that calibration files do not contain."""
-    for option in reversed(SETTINGS):
-        function = option(function)
+    """Add the options of `SETTINGS`."""
+    for each in reversed(SETTINGS):
+        function = each(function)
     return function
 
 
@@ -98,42 +74,6 @@ UNSTATED = {
     "readout_time": "a global shutter is assumed, but the shutter of nearly every phone rolls: give --readout-time",
     "imu_to_camera": "the axes of the camera are assumed for the gyro, but those of phones differ: give --imu",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Edits:
-    """Changes to the picture of a camera file: it is resized, then cropped, then turned."""
-
-    scale: float | None
-    crop: tuple[int, int, int, int] | None
-    turn: int | None
-
-    def apply(self, camera: Camera) -> Camera:
-        """Return the camera of the edited picture."""
-        if self.scale is not None:
-            camera = camera.scaled(self.scale)
-        if self.crop is not None:
-            camera = camera.cropped(*self.crop)
-        for _ in range(self.turn or 0):
-            camera = camera.turned()
-        return camera
-
-
-@dataclass(frozen=True, slots=True)
-class Lens:
-    """Focal length, in px or as 35 mm equivalent, and the width of the sensor in px."""
-
-    focal_length: float | None
-    focal35: float | None
-    sensor_width: int | None
-
-    def pixels(self, size: tuple[int, int] | None) -> float | None:
-        """Return the focal length in px of a picture of that size; None if it is not given."""
-        if self.focal35 is None:
-            return self.focal_length
-        if size is None or self.focal_length is not None:
-            raise click.UsageError("--focal35 needs --size, and excludes --focal-length", click.get_current_context())
-        return pixels_of_focal35(self.focal35, size)
 
 
 def pixels_of_focal35(focal35: float, size: tuple[int, int]) -> float:
@@ -150,7 +90,7 @@ def command() -> None:
 
 @command.command("show", cls=Command)
 @click.argument("file", type=PATH)
-@click.option("--name", metavar="CAMERA", help="Name of the camera, if the file has several.")
+@option("--name", metavar="CAMERA", help="Name of the camera, if the file has several.")
 @_options.json_option
 def show(file: Path, name: str | None, as_json: bool) -> None:
     """Show the camera in FILE. It may also be a picture with EXIF."""
@@ -160,14 +100,12 @@ def show(file: Path, name: str | None, as_json: bool) -> None:
 
 
 @command.command("new", cls=Command)
-@click.option("--size", type=SizeType(), required=True, help="Size of the picture as stored, in px.")
-@click.option("--focal-length", type=NumbersType(), help="Focal length in px, one number or fx,fy.")
-@click.option("--focal35", type=POSITIVE, help="Focal length as 35 mm equivalent.")
-@click.option("--principal-point", type=NumbersType(), help="Principal point cx,cy in px.  [default: the middle]")
-@click.option(
-    "--distortion-model", type=click.Choice(["none", "radtan", "fisheye"]), help="Model of the lens distortion."
-)
-@click.option("--distortion", type=NumbersType(), help="Its coefficients: k1,k2,p1,p2[,k3[,k4,k5,k6]] or k1,k2,k3,k4.")
+@option("--size", type=SIZE, required=True, help="Size of the picture as stored, in px.")
+@option("--focal-length", type=NUMBERS, help="Focal length in px, one number or fx,fy.")
+@option("--focal35", type=POSITIVE, help="Focal length as 35 mm equivalent.")
+@option("--principal-point", type=NUMBERS, help="Principal point cx,cy in px.  [default: the middle]")
+@option("--distortion-model", type=click.Choice(["none", "radtan", "fisheye"]), help="Model of the lens distortion.")
+@option("--distortion", type=NUMBERS, help="Its coefficients: k1,k2,p1,p2[,k3[,k4,k5,k6]] or k1,k2,k3,k4.")
 @settings
 @_options.target_options("TOML", "Camera file to write.")
 def new(
@@ -195,47 +133,23 @@ def new(
 
 @command.command("import", cls=Command)
 @click.argument("source", type=PATH)
-@click.option("--format", metavar="NAME", help="Format of the file.  [default: recognised by its content]")
-@click.option("--name", metavar="CAMERA", help="Name of the camera, if the file has several: cam1.")
-@click.option("--size", type=SizeType(), help="Size of your pictures, if it is not that of the file.")
-@click.option("--fps", type=POSITIVE, help="Frame rate, if a lens profile has several settings of one size.")
-@_options.gathered(
-    "lens",
-    Lens,
-    (
-        click.option("--focal-length", type=POSITIVE, help="Focal length in px of your pictures; replaces the file's."),
-        click.option("--focal35", type=POSITIVE, help="Focal length as 35 mm equivalent; needs --size."),
-        click.option(
-            "--sensor-width",
-            type=click.IntRange(min=1),
-            help="Width of the whole sensor in px, if the focal length of MARS logger refers to it.",
-        ),
-    ),
+@option("--format", metavar="NAME", help="Format of the file.  [default: recognised by its content]")
+@option("--name", metavar="CAMERA", help="Name of the camera, if the file has several: cam1.")
+@option("--size", type=SIZE, help="Size of your pictures, if it is not that of the file.")
+@option("--fps", type=POSITIVE, help="Frame rate, if a lens profile has several settings of one size.")
+@option("--focal-length", type=POSITIVE, help="Focal length in px of your pictures; replaces the file's.")
+@option("--focal35", type=POSITIVE, help="Focal length as 35 mm equivalent; needs --size.")
+@option(
+    "--sensor-width",
+    type=COUNT,
+    help="Width of the whole sensor in px, if the focal length of MARS logger refers to it.",
 )
-@_options.gathered(
-    "edits",
-    Edits,
-    (
-        click.option("--scale", type=POSITIVE, help="Factor by which the picture is resized."),
-        click.option("--crop", type=BoxType(), help="Part of the picture that is kept."),
-        click.option(
-            "--turn", type=click.IntRange(1, 3), help="Number of quarter turns clockwise from that picture to yours."
-        ),
-    ),
-)
+@option("--scale", type=POSITIVE, default=1.0, help="Factor by which the picture is resized.")
+@option("--crop", type=BOX, help="Part of the picture that is kept.")
+@option("--turn", type=click.IntRange(0, 3), default=0, help="Quarter turns clockwise from that picture to yours.")
 @settings
 @_options.target_options("TOML", "Camera file to write.")
-def import_(
-    source: Path,
-    format: str | None,
-    name: str | None,
-    size: tuple[int, int] | None,
-    fps: float | None,
-    lens: Lens,
-    edits: Edits,
-    target: Target,
-    **values: Any,
-) -> None:
+def import_(source: Path, format: str | None, focal35: float | None, target: Target, **values: Any) -> None:
     """Import a camera from SOURCE and write a camera file.
 
     SOURCE is a camera file of rsdeblur, a lens profile of Gyroflow, a YAML file of Kalibr, MARS logger's
@@ -244,24 +158,28 @@ def import_(
     """
     from rsdeblur.io import open_camera
 
-    file = open_camera(
-        source,
-        format,
-        size=size,
-        name=name,
-        fps=fps,
-        focal_length=lens.pixels(size),
-        sensor_width=lens.sensor_width,
-    )
-    file = replace(file, camera=edits.apply(file.camera)).with_overrides(**values)
+    scale, crop, turn = (values.pop(name) for name in ("scale", "crop", "turn"))
+    reading = {name: values.pop(name) for name in ("size", "name", "fps", "focal_length", "sensor_width")}
+    if focal35 is not None:
+        if reading["size"] is None or reading["focal_length"] is not None:
+            raise click.UsageError("--focal35 needs --size, and excludes --focal-length", click.get_current_context())
+        reading["focal_length"] = pixels_of_focal35(focal35, reading["size"])
+    file = open_camera(source, format, **reading)
+    camera = file.camera if scale == 1 else file.camera.scaled(scale)
+    if crop is not None:
+        width, height, left, top = crop
+        camera = camera.cropped(left, top, width, height)
+    for _ in range(turn):
+        camera = camera.turned()
+    file = replace(file, camera=camera).with_overrides(**values)
     _write(file.camera, target)
     _print_camera(target.output, file, target.as_json)
 
 
 @command.command("measure-readout", cls=Command)
 @click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
-@click.option("--mains", type=NumberType(40, 70), default=50.0, show_default=True, help="Mains frequency in Hz.")
-@click.option("--horizontal", is_flag=True, help="The readout runs along x, as in upright phone photos stored upright.")
+@option("--mains", type=NumberType(40, 70), default=50.0, show_default=True, help="Mains frequency in Hz.")
+@option("--horizontal", is_flag=True, help="The readout runs along x, as in upright phone photos stored upright.")
 @_options.transfer_option
 @_options.json_option
 def measure_readout(
@@ -272,8 +190,6 @@ def measure_readout(
     Take one photo of an evenly lit wall, or better several of one scene from a fixed place, at 1/200 s or shorter: a
     lamp on the mains flickers at twice the mains frequency. Exit code 1 means that there are no clear bands.
     """
-    from rsdeblur.cli._inputs import naming, transfer_of
-    from rsdeblur.errors import InputError
     from rsdeblur.estimate.flicker import measure_flicker
     from rsdeblur.io.pictures import read_picture
 
@@ -299,8 +215,6 @@ def _write(camera: Camera, target: Target) -> None:
 
 
 def _print_camera(path: Path, file: CameraFile, as_json: bool) -> None:
-    from rsdeblur.cli._describe import camera_facts, print_entry
-
     entry = {"file": str(path)} | camera_facts(file)
     if as_json:
         print_json(entry)

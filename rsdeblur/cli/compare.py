@@ -12,24 +12,14 @@ import click
 
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.cli import _options
-from rsdeblur.cli._command import Command
-from rsdeblur.cli._inputs import display_values, naming, transfer_of
-from rsdeblur.cli._options import Recording, Target, Track
-from rsdeblur.cli._output import (
-    check_page,
-    prepare_folder,
-    print_json,
-    print_table,
-    progress,
-    say,
-    write_json,
-)
-from rsdeblur.cli._photo import derive, moment_facts, moment_lines, result_facts
-from rsdeblur.cli._refinement import correction_lines, refinement_facts
+from rsdeblur.cli._inputs import display_values, transfer_of
+from rsdeblur.cli._options import Command, Recording, Target, option
+from rsdeblur.cli._output import check_page, prepare_folder, print_json, print_table, progress, say, write_json
+from rsdeblur.cli._photo import Prepared, facts_of, moment_facts, prepare, refinement_facts, remarks
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.cli._types import PATH
-from rsdeblur.cli._usage import refuse_unused
 from rsdeblur.errors import InputError
+from rsdeblur.pipeline.options import BLUR
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,36 +37,34 @@ Examples:
       --truth rolling.png -o out
   rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o out \\
       --report report.html
-  rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o out \\
-      --mode global --mode banded --max-memory 1GiB
 """
 
 
 @click.command("compare", cls=Command, epilog=EXAMPLES)
 @click.argument("photo", type=PATH)
-@_options.recording_options()
-@click.option(
-    "--mode", "modes", type=click.Choice(MODES), multiple=True, help="Mode to compare; repeat it.  [default: all]"
+@_options.recording_options(*_options.ONE_PHOTO)
+@option(
+    *("--mode", "modes"),
+    section=BLUR,
+    type=click.Choice(MODES),
+    multiple=True,
+    help="Mode to compare; repeat it.  [default: all]",
 )
-@_options.solve_options(*_options.ONE_PHOTO[1:], "refine", "max_memory")
-@_options.track_options
-@click.option("--truth", type=PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
+@_options.solve_options(*(name for name in _options.SOLVE if name not in ("mode", "fallback")))
+@option("--truth", type=PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
 @_options.target_options(
     "DIR",
     "Folder to write to.  [default: PHOTO-compare beside the photo]",
     default=lambda photo, **_: _options.beside(photo, "-compare"),
 )
-@click.option("--report", type=PATH, metavar="HTML", help="Also write a page that shows the results in a browser.")
-@click.option("--report-paths", is_flag=True, help="Name the files on that page with their folders.")
+@_options.report_option
 def command(
     photo: Path,
     recording: Recording,
     modes: tuple[Mode, ...],
     options: Options,
-    track: Track,
     truth: Path | None,
     report: Path | None,
-    report_paths: bool,
     target: Target,
 ) -> None:
     """Deblur PHOTO in every mode and show the results side by side.
@@ -87,20 +75,17 @@ def command(
     --report writes one page that needs no network. It shows any two pictures under a divider, the kernels over them,
     the gyroscope's rates with the exposure window of each row, figures for each band, all settings, and warnings.
     """
-    if report_paths and report is None:
-        raise click.UsageError("--report-paths is for the page of --report")
     output, force = target.output, target.force
     modes = tuple(mode for mode in MODES if mode in (modes or MODES))
-    refuse_unused(options, modes)
+    _options.refuse_unused(options, modes)
     prepare_folder(output, [*output_names(photo, modes), REPORT], force=force)
-    if report is not None:
-        check_page(report, force=force)
-    with capture_warnings() as remarks:
-        compared = compare_modes(photo, recording, options, track, target, truth=truth, modes=modes)
+    check_page(report, force=force)
+    with capture_warnings() as texts:
+        compared = compare_modes(photo, recording, options, target, truth=truth, modes=modes)
     if report is not None:
         from rsdeblur.report import write_page
 
-        write_page(report, report_page(compared, recording, options, remarks, track=track, with_paths=report_paths))
+        write_page(report, report_page(compared, recording, options, texts))
         compared.report["report"] = str(report)
     write_json(output / REPORT, compared.report)
     if target.as_json:
@@ -121,7 +106,6 @@ def compare_modes(
     photo: Path,
     recording: Recording,
     options: Options,
-    track: Track,
     target: Target,
     *,
     truth: Path | None,
@@ -132,59 +116,59 @@ def compare_modes(
 
     `changes` holds fields of `options` that differ in a mode.
     """
-    encoding = options.transfer
     # Only --refine refines here, so it is always asked for.
-    inputs, options, known_axes = derive(photo, recording, options, track, refine_anyway=True)
-    picture, transfer = inputs.picture, transfer_of(inputs.picture, options.transfer)
-    sharp = None if truth is None else _read_truth(truth, photo, picture, encoding)
+    ready = prepare(photo, recording, options)
+    picture, transfer = ready.inputs.picture, transfer_of(ready.inputs.picture, ready.options.transfer)
+    sharp = None if truth is None else _read_truth(truth, photo, picture, options.transfer)
     # Options that a mode does not take are refused before the first mode is solved.
-    each_mode = [replace(options, mode=mode, **changes.get(mode, {})) for mode in modes]
+    each_mode = {mode: _options.changed(ready.options, mode=mode, **changes.get(mode, {})) for mode in modes}
 
-    from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, similarity
-    from rsdeblur.cli._stopwatch import stopwatch
-    from rsdeblur.io.picture_output import write_picture
-    from rsdeblur.pipeline.deblur import psfs
-    from rsdeblur.pipeline.plan import Plan, plan_for
+    from rsdeblur.cli._measure import similarity
 
     shown = {"input": display_values(picture.pixels, transfer)}
-    banks: dict[Mode, PsfBank] = {}
     report: dict[str, Any] = {"photo": str(photo), "size_px": list(picture.pixels.shape[1::-1])}
-    report |= moment_facts(recording, inputs)
+    report |= moment_facts(recording, ready.inputs)
     if sharp is not None:
         report |= {"truth": str(truth), "blurred": similarity(shown["input"], sharp)}
     report["modes"] = {}
-    with progress("plan") as move, naming(photo, recording):
-        planned = plan_for(
-            *(picture.pixels, inputs.log, inputs.camera, inputs.exposure, each_mode[0]),
-            known_axes=known_axes,
-            progress=move,
-        )
-    recorded: PsfBank | None = None
+    compared = Compared(report, ready.inputs, shown, {}, 0.0, transfer)
+    compared = _solve(ready, compared, each_mode, target)
+    if sharp is not None:
+        for mode in modes:
+            report["modes"][mode] |= similarity(shown[mode], sharp)
+        shown["truth"] = sharp
+    _draw(target, shown, compared.banks, report["modes"])
+    return compared
+
+
+def _solve(ready: Prepared, compared: Compared, each_mode: Mapping[Mode, Options], target: Target) -> Compared:
+    """Deblur and write the picture in each mode, and return the comparison with the results."""
+    from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, stopwatch
+    from rsdeblur.io.picture_output import write_picture
+    from rsdeblur.pipeline.plan import Plan
+
+    picture, recorded = ready.inputs.picture, None
+    with progress("plan") as move, ready.naming:
+        planned = ready.plan(move, next(iter(each_mode.values())))
     if planned.refinement is not None:
-        report["refinement"] = refinement_facts(planned.refinement)
-        if planned.refinement.accepted:
-            recorded = psfs(
-                *(inputs.log, inputs.camera, inputs.exposure),
-                translation=options.translation,
-                motion=options.motion,
-                softness=options.softness,
-            )
-    for mode, chosen, name in zip(modes, each_mode, output_names(photo, modes), strict=False):
+        compared.report["refinement"] = refinement_facts(planned.refinement)
+        recorded = ready.kernels()[0] if planned.refinement.accepted else None
+    banks: dict[str, PsfBank] = {}
+    unseen = 0.0
+    names = output_names(Path(compared.report["photo"]), list(each_mode))
+    for (mode, chosen), name in zip(each_mode.items(), names, strict=False):
         chosen = replace(chosen, translation=planned.options.translation, refine=False)
         forget_peak_memory()
-        with stopwatch() as watch, progress(mode) as move, naming(photo, recording):
+        with stopwatch() as watch, progress(mode) as move, ready.naming:
             # A plan of its own, so that the memory of a mode does not contain the solver of another one.
             result = Plan(planned.frame, planned.capture, chosen).apply(picture.pixels, progress=move)
         memory = peak_memory_mib()
         write_picture(target.output / name, result.image, like=picture, force=target.force)
-        shown[mode], banks[mode] = display_values(result.image, transfer), result.psfs
-        facts = {"prior": chosen.prior_name} | result_facts(result, target.output / name)
-        facts |= {"seconds": watch.seconds, "peak_memory_mib": memory}
-        report["modes"][mode] = facts | ({} if sharp is None else similarity(shown[mode], sharp))
-    if sharp is not None:
-        shown["truth"] = sharp
-    _draw(target, shown, banks, report["modes"])
-    return Compared(report, inputs, shown, banks, 1.0 - float(result.coverage.mean()), transfer, recorded)
+        compared.shown[mode], banks[mode] = display_values(result.image, compared.transfer), result.psfs
+        facts = facts_of(result, target.output / name, mode, chosen.prior_name, watch.seconds)
+        compared.report["modes"][mode] = facts | {"peak_memory_mib": memory}
+        unseen = 1.0 - float(result.coverage.mean())
+    return compared._replace(banks=banks, unseen=unseen, recorded=recorded)
 
 
 def _read_truth(truth: Path, photo: Path, picture: Picture, transfer: Transfer | Auto) -> NDArray[Any]:
@@ -199,7 +183,7 @@ def _read_truth(truth: Path, photo: Path, picture: Picture, transfer: Transfer |
     return display_values(sharp.pixels, transfer_of(sharp, transfer))
 
 
-def _draw(target: Target, shown: dict[str, NDArray[Any]], banks: dict[Mode, PsfBank], modes: dict[str, Any]) -> None:
+def _draw(target: Target, shown: dict[str, NDArray[Any]], banks: Mapping[str, PsfBank], modes: dict[str, Any]) -> None:
     from rsdeblur.io.picture_output import write_picture
     from rsdeblur.report import psf_map, side_by_side
 
@@ -215,22 +199,10 @@ def _draw(target: Target, shown: dict[str, NDArray[Any]], banks: dict[Mode, PsfB
 
 def print_report(report: dict[str, Any]) -> None:
     """Print the table of modes, and below it what `deblur` says of a result too."""
-    with_truth = "blurred" in report
-    columns = [
-        "mode",
-        "prior",
-        "bands x strips",
-        "PSF px",
-        "time s",
-        "peak MiB",
-        "check",
-        *(["PSNR dB", "SSIM"] if with_truth else []),
-    ]
-    rows = []
-    if with_truth:
-        rows.append(["(blurred)", "", "", "", "", "", "", *_similarity_cells(report["blurred"])])
+    columns = ["mode", "prior", "bands x strips", "PSF px", "time s", "peak MiB", "check"]
+    rows = [["(blurred)", *[""] * 6, *_similarity_cells(report["blurred"])]] if "blurred" in report else []
     for mode, facts in report["modes"].items():
-        memory = facts["peak_memory_mib"]
+        memory, check = facts["peak_memory_mib"], facts["check"]
         rows.append(
             [
                 mode,
@@ -239,14 +211,14 @@ def print_report(report: dict[str, Any]) -> None:
                 "{} x {}".format(*facts["psf_px"]),
                 f"{facts['seconds']:.2f}",
                 "-" if memory is None else f"{memory:.0f}",
-                "-" if facts["check"] is None else facts["check"]["verdict"],
-                *(_similarity_cells(facts) if with_truth else []),
+                "-" if check is None else check["verdict"],
+                *(_similarity_cells(facts) if "blurred" in report else []),
             ]
         )
-    print_table(columns, rows)
-    checks = {mode: facts["check"] for mode, facts in report["modes"].items() if facts["check"] is not None}
-    say(*(f"  {mode}: {' '.join(check['reasons'])}" for mode, check in checks.items() if check["reasons"]))
-    say(*moment_lines(report), *correction_lines(report.get("refinement"), asked=True))
+    print_table([*columns, *(["PSNR dB", "SSIM"] if "blurred" in report else [])], rows)
+    for mode, facts in report["modes"].items():
+        say(*(f"  {mode}: {line.strip()}" for line in remarks({"check": facts["check"]}, asked=False)))
+    say(*remarks(report, asked=True))
 
 
 def _similarity_cells(facts: dict[str, Any]) -> list[str]:

@@ -1,31 +1,21 @@
-"""`rsdeblur deblur`: deblur one picture."""
+"""`rsdeblur deblur`: deblur one picture, or several of one recording."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rsdeblur.choices import SHARP
-from rsdeblur.cli import _options, _refinement
-from rsdeblur.cli._command import Command
+from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import recordings_of
-from rsdeblur.cli._items import numbered_from_option, one_name, result_name
-from rsdeblur.cli._kernel import check_sources, deconvolve_photo
-from rsdeblur.cli._options import PhotoTarget, Recording, Track
-from rsdeblur.cli._output import (
-    FAILURES,
-    SOME_FAILED,
-    print_json,
-    progress,
-    reason,
-    refuse_inputs,
-    say,
-    say_aside,
-)
-from rsdeblur.cli._photo import PhotoJob, deblur_photo, moment_lines
+from rsdeblur.cli._items import one_name, result_name
+from rsdeblur.cli._options import RECORDING, Command, Recording, Target, option
+from rsdeblur.cli._output import attempt, exit_if_failed, print_json, progress, refuse_inputs, say
+from rsdeblur.cli._photo import PhotoJob, check_sources, deblur_photo, remarks, summary
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import OutputError
 
@@ -44,13 +34,19 @@ Examples:
 
 @click.command("deblur", cls=Command, epilog=EXAMPLES)
 @click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
-@click.option("--psf", type=PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank.")
-@_options.recording_options(required=False)
-@numbered_from_option
-@_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
-@_refinement.option
-@_options.track_options
-@_options.photo_target_options
+@option(
+    "--psf", section=RECORDING, type=PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank."
+)
+@_options.recording_options(*_options.ONE_PHOTO, required=())
+@_options.numbered_from_option
+@_options.solve_options(*(name for name in _options.SOLVE if name != "refine"))
+@_options.refine_option
+@_options.target_options(
+    "OUT|DIR",
+    "Picture to write, or folder for the results.  [default: PHOTO-sharp beside each photo]",
+    required=False,
+    dry_run=True,
+)
 def command(
     photos: tuple[Path, ...],
     psf: Path | None,
@@ -58,8 +54,7 @@ def command(
     numbered_from: int | None,
     options: Options,
     refine: bool | None,
-    track: Track,
-    target: PhotoTarget,
+    target: Target,
 ) -> None:
     """Deblur each PHOTO. Metadata, colour profile and bit depth are kept.
 
@@ -69,75 +64,42 @@ def command(
     """
     check_sources(click.get_current_context(), recording, psf)
     if psf is None:
-        options = _refinement.with_refinement(options, refine)
-    make_folder = _is_folder(target.output, len(photos))
-    outputs = _outputs(photos, target.output, into_folder=make_folder)
-    recordings = [recording] if psf is not None else recordings_of(photos, recording, numbered_from)
+        options = _options.with_refinement(options, refine)
+    # A folder need not exist: no picture is named without an extension.
+    output: Path | None = target.output
+    into_folder = output is not None and (len(photos) > 1 or output.is_dir() or not output.suffix)
+    outputs = _outputs(photos, output, into_folder=into_folder)
+    recordings = [recording] * len(photos) if psf is not None else recordings_of(photos, recording, numbered_from)
 
     def solve(i: int) -> dict[str, Any]:
+        job = PhotoJob(
+            photo=photos[i],
+            recording=recordings[i],
+            options=options,
+            output=outputs[i],
+            psf=psf,
+            force=target.force,
+            dry_run=target.dry_run,
+            make_folder=into_folder,
+            refine_anyway=bool(refine),
+        )
         with progress("deblur") as move:
-            if psf is not None:
-                to = target.at(outputs[i])
-                return deconvolve_photo(photos[i], psf, options, to, move, make_folder=make_folder)
-            job = PhotoJob(
-                photo=photos[i],
-                recording=recordings[i],
-                options=options,
-                output=outputs[i],
-                track=track,
-                force=target.force,
-                dry_run=target.dry_run,
-                make_folder=make_folder,
-                refine_anyway=bool(refine),
-            )
             return deblur_photo(job, move)
 
     if len(photos) == 1:
-        facts = solve(0)
-        if target.as_json:
-            print_json(facts)
-        else:
-            _print(photos[0], facts, options, asked=bool(refine))
-        return
-    entries = _solve_all(photos, solve)
+        entries = [solve(0)]
+    else:
+        entries = [attempt({"photo": str(photo)}, photo, partial(solve, i)) for i, photo in enumerate(photos)]
     if target.as_json:
-        print_json(entries)
+        print_json(entries[0] if len(photos) == 1 else entries)
     else:
         for photo, entry in zip(photos, entries, strict=True):
-            if "error" not in entry:
-                _print(photo, entry, options, asked=bool(refine))
-    if any("error" in entry for entry in entries):
-        click.get_current_context().exit(SOME_FAILED)
-
-
-def _solve_all(photos: Sequence[Path], solve: Callable[[int], dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the facts about each photo, or its error, which is printed and does not stop the others."""
-    entries: list[dict[str, Any]] = []
-    for i, photo in enumerate(photos):
-        entry: dict[str, Any] = {"photo": str(photo)}
-        try:
-            entry |= solve(i)
-        except FAILURES as error:
-            message = reason(error)
-            entry["error"] = message if str(photo) in message else f"{photo}: {message}"
-            say_aside(f"error: {entry['error']}")
-        entries.append(entry)
-    return entries
-
-
-def _is_folder(output: Path | None, count: int) -> bool:
-    """Whether results go into a folder, which need not exist: no picture is named without an extension."""
-    return output is not None and (count > 1 or output.is_dir() or not output.suffix)
+            _print(photo, entry, asked=bool(refine))
+    exit_if_failed(entries)
 
 
 def _outputs(photos: Sequence[Path], output: Path | None, *, into_folder: bool) -> list[Path]:
-    """Return the path of each photo's result.
-
-    Raises
-    ------
-    OutputError
-        If one is an input, or two are the same, or one file on many disks.
-    """
+    """Return the path of each photo's result."""
     names = [result_name(photo) for photo in photos]
     if output is None:
         results = [name.with_name(f"{name.stem}{SHARP}{name.suffix}") for name in names]
@@ -156,33 +118,13 @@ def _outputs(photos: Sequence[Path], output: Path | None, *, into_folder: bool) 
     return results
 
 
-def _print(photo: Path, facts: dict[str, Any], options: Options, *, asked: bool) -> None:
+def _print(photo: Path, facts: dict[str, Any], *, asked: bool) -> None:
     """Print the facts about one result; why its recording was not refined only if that was asked for."""
-    wide, tall = facts["psf_px"]
     if facts.get("dry_run"):
-        size = "{} x {}".format(*facts["size_px"])
+        size, kernels = (" x ".join(map(str, facts[name])) for name in ("size_px", "psf_px"))
         say(
             f"{photo}: {size} px, all inputs fit; would write {facts['output']} ({facts['mode']}, PSFs of up to "
-            f"{wide} x {tall} px, {options.prior_name})"
+            f"{kernels} px, {facts['prior']})"
         )
-        return
-    tiles = "rows" if facts["mode"] == "rowwise" else "bands"
-    kernels = f"{facts['bands']} x {facts['strips']} PSFs ({tiles} x strips) of {wide} x {tall} px"
-    strength = f"NSR {facts['nsr']:.2g}" if facts["weight"] is None else f"weight {facts['weight']:.2g}"
-    verdict, reasons = _verdict(facts["check"])
-    seconds = f"{facts['seconds']:.2f} s"
-    say(
-        f"{facts['output']}: {facts['mode']}, {kernels}, {options.prior_name}, {strength}, {seconds}{verdict}",
-        *reasons,
-        *moment_lines(facts),
-        *_refinement.correction_lines(facts["refinement"], asked=asked),
-    )
-
-
-def _verdict(check: dict[str, Any] | None) -> tuple[str, list[str]]:
-    """Return the verdict of the check, and lines with its reasons."""
-    if check is None:
-        return "", []
-    blended = ", blended towards the photo" if check["blended"] else ""
-    reasons = [f"  {' '.join(check['reasons'])}"] if check["reasons"] else []
-    return f"; {check['verdict']}{blended}", reasons
+    elif "error" not in facts:
+        say(f"{facts['output']}: {summary(facts)}", *remarks(facts, asked=asked))

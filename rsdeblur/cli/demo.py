@@ -1,50 +1,74 @@
-"""`rsdeblur demo`: simulate a capture and deblur it in every mode."""
+"""`rsdeblur demo`: simulate a capture and deblur it in every mode, or simulate the files of a logger or camera app."""
 
 from __future__ import annotations
 
-import os
+import math
 import shlex
-import shutil
-import sys
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import UTC, datetime
+from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from rsdeblur.choices import MODES, Mode
+from rsdeblur.choices import Mode
 from rsdeblur.cli import _options
-from rsdeblur.cli._command import Command
-from rsdeblur.cli._options import Recording, Target, Track
+from rsdeblur.cli._options import Command, Recording, Target, option
 from rsdeblur.cli._output import prepare_folder, print_json, progress, say, write_json
-from rsdeblur.cli._types import SizeType
+from rsdeblur.cli._types import SIZE
 from rsdeblur.cli.compare import compare_modes, output_names, print_report
 from rsdeblur.pipeline.options import Options
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
     from rsdeblur.motion.gyro import GyroLog
-    from rsdeblur.types import Progress
 
-EXPOSURE = 0.05  # s
-READOUT = 0.03  # s, a slow phone sensor
 FOCAL = 1.1  # picture widths: a phone's main camera sees about 50 degrees
-START = 0.25  # s
-LOG = 0.6  # s
-STRENGTH = 0.2  # of a phone shaken on purpose: blurs by about 30 px at a width of 1024 px
-NOISE = 0.01  # standard deviation in linear light: 40 dB
-# "global" shows the filter and the noise-to-signal ratio of Sindelar and Sroubek (2013).
-PUBLISHED: dict[str, Any] = {"prior": "wiener", "nsr": 0.02}
-
+FOCAL35 = 26  # mm, of the photos of a camera app
+LATE = 0.41  # s, of the times in EXIF after the exposures: a camera app writes when it stores the photo
 # The scene extends beyond the frame by this fraction of its longer side, further than the blur reaches.
 MARGIN = 0.1
-
+# "global" shows the filter and the noise-to-signal ratio of Sindelar and Sroubek (2013).
+PUBLISHED: dict[str, Any] = {"prior": "wiener", "nsr": 0.02}
 REPORT = "demo.json"
-
+LOG, CAMERA, CAPTURES, MOVIE = "gyro_accel.csv", "camera.toml", "movie_metadata.csv", "movie.mp4"
+UNIX_LOG = "Gyroscope.csv"
 # Least side of the picture, px.
 LEAST_SIDE = 64
-# Size in px from which a picture takes every step that a large one takes.
-LEAST_SIZE = 320, 240
+
+
+class Kind(NamedTuple):
+    """What is simulated: frames, their interval and exposure (s), the names of the photos, and the recording.
+
+    `strength` is that of the shake, of a phone shaken on purpose, `noise` a standard deviation in linear light,
+    `start` that of the first frame (s), `readout` in s and `epoch_ns` that of the log.
+    """
+
+    frames: int
+    interval: Fraction
+    duration: Fraction
+    photos: tuple[str, ...]
+    start: float = 0.25
+    epoch_ns: int = 1_560_000_000_000  # of a phone that was started half an hour ago
+    strength: float = 0.4
+    noise: float = 0.005
+    readout: float = 0.02
+
+
+KINDS = {
+    # Blurs by about 30 px at a width of 1024 px, with the readout of a slow phone sensor.
+    "capture": Kind(1, Fraction(1, 10), Fraction(1, 20), (), epoch_ns=0, strength=0.2, noise=0.01, readout=0.03),
+    "recording": Kind(4, Fraction(1, 2), Fraction(1, 20), tuple(f"frame{i:04}.png" for i in range(4))),
+    "video": Kind(24, Fraction(1, 30), Fraction(1, 40), ()),
+    # The log extends beyond the search of `--start exif`.
+    "stock-camera": Kind(
+        *(2, Fraction(2), Fraction(1, 20), ("IMG_1.jpg", "IMG_2.jpg")), start=2.5, epoch_ns=1_780_000_000_000_000_000
+    ),
+}
 
 EXAMPLES = """\b
 Examples:
@@ -57,27 +81,17 @@ Examples:
 
 
 @click.command("demo", cls=Command, epilog=EXAMPLES)
-@click.option(
-    "--size",
-    type=SizeType(),
-    metavar="WxH",
-    default="1024x768",
-    show_default=True,
-    help="Size in px.",
-)
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of scene, shake and noise."
-)
-@click.option("--recording", "session", flag_value="recording", help="Only simulate a logger's folder with 4 photos.")
-@click.option("--video", "session", flag_value="video", help="Only simulate a logger's folder with a video.")
-@click.option(
-    "--stock-camera",
-    "session",
+@option("--size", type=SIZE, metavar="WxH", default="1024x768", show_default=True, help="Size in px.")
+@option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of scene, shake and noise.")
+@option(*("--recording", "kind"), flag_value="recording", help="Only simulate a logger's folder with 4 photos.")
+@option(*("--video", "kind"), flag_value="video", help="Only simulate a logger's folder with a video.")
+@option(
+    *("--stock-camera", "kind"),
     flag_value="stock-camera",
     help="Only simulate 2 photos of a camera app, and a log of Sensor Logger.",
 )
 @_options.target_options("DIR", "Folder to write to.  [default: demo]", default=lambda **_: Path("demo"))
-def command(size: tuple[int, int], seed: int, session: str | None, target: Target) -> None:
+def command(size: tuple[int, int], seed: int, kind: str | None, target: Target) -> None:
     """Simulate a capture and deblur it in every mode; needs no data.
 
     The mode global uses the published method's filter, the others the default prior.
@@ -87,25 +101,31 @@ def command(size: tuple[int, int], seed: int, session: str | None, target: Targe
     --recording or --video, writes what a logger app would: a gyro log, the exposures, photos or a video, and a camera
     file. With --stock-camera, writes photos with EXIF blocks and a gyro log. Both print the command that deblurs them.
     """
-    _check_size(size, seed, session)
-    if session:
-        _write_session(session, size, seed, target)
-        return
+    _check_size(kind or "capture", size, seed)
     output, force = target.output, target.force
-    blurred, rolling = output / "blurred.png", output / "rolling.png"
-    gyro, camera = output / "gyro.csv", output / "camera.toml"
-    own = (output / "sharp.png", blurred, rolling, gyro, camera)
-    prepare_folder(output, [*(path.name for path in own), *output_names(blurred), REPORT], force=force)
+    if kind is not None:
+        names = session_files(kind)
+        prepare_folder(output, names, force=force)
+        with progress("simulate"):
+            write_session(kind, size, seed, output, force=force)
+        command_again = shlex.join(["rsdeblur", *_session_command(kind, output)])
+        if target.as_json:
+            print_json({"files": names, "command": command_again})
+        else:
+            say("", f"The session is in {output}. This command deblurs it:", "", f"  {command_again}")
+        return
+    blurred, rolling, gyro, camera = (output / name for name in ("blurred.png", "rolling.png", "gyro.csv", CAMERA))
+    own = [*(path.name for path in (blurred, rolling, gyro, camera)), "sharp.png", REPORT]
+    prepare_folder(output, [*own, *output_names(blurred)], force=force)
     with progress("simulate"):
-        _capture(size, seed, output, force=force)
-    with progress("compile") as move:
-        _compile(move)
+        _write_capture(size, seed, output, force=force)
     # From here on, the demo uses the files as a user does.
-    recording = Recording(gyro=gyro, camera=camera, start=START, duration=EXPOSURE)
+    start, duration = KINDS["capture"].start, float(KINDS["capture"].duration)
+    recording = Recording(gyro=gyro, camera=camera, start=start, duration=duration)
     changes: dict[Mode, dict[str, Any]] = {"global": PUBLISHED}
-    report = compare_modes(blurred, recording, Options(), Track(), target, truth=rolling, changes=changes).report
-    again = [*program(), "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
-    again += ["--start", str(START), "--duration", str(EXPOSURE), "--force", "-o", str(output / "again.png")]
+    report = compare_modes(blurred, recording, Options(), target, truth=rolling, changes=changes).report
+    again = ["rsdeblur", "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
+    again += ["--start", str(start), "--duration", str(duration), "--force", "-o", str(output / "again.png")]
     report["command"] = shlex.join(again)
     write_json(output / REPORT, report)
     if target.as_json:
@@ -116,9 +136,8 @@ def command(size: tuple[int, int], seed: int, session: str | None, target: Targe
         say("", where, "", f"  {report['command']}")
 
 
-def _check_size(size: tuple[int, int], seed: int, session: str | None) -> None:
+def _check_size(kind: str, size: tuple[int, int], seed: int) -> None:
     """Refuse a size that the scene, the video or the simulated blur does not allow, before anything is written."""
-    from rsdeblur.cli import _demo_session
     from rsdeblur.motion.arguments import is_held
     from rsdeblur.motion.paths import Capture
     from rsdeblur.simulation.scene import MOST_PIXELS
@@ -130,103 +149,165 @@ def _check_size(size: tuple[int, int], seed: int, session: str | None) -> None:
         problem = f"the sides must be at least {LEAST_SIDE} px"
     elif (width + 2 * margin) * (height + 2 * margin) > MOST_PIXELS:
         problem = f"the scene may have {MOST_PIXELS} px at most, with a margin of {margin} px; use a smaller size"
-    elif session == "video" and (width % 2 or height % 2):
+    elif kind == "video" and (width % 2 or height % 2):
         problem = "the sides of a video must be even"
     else:
-        log, camera, exposures = _demo_session.recording(session, size, seed) if session else _recording(size, seed)
+        log, camera, exposures = simulated(kind, size, seed)
         if not all(is_held(Capture.from_log(log, camera, exposure)) for exposure in exposures):
             problem = "the simulated blur is larger than so narrow a picture can hold; use a shape nearer to 4:3"
     if problem:
         raise click.UsageError(f"--size {width}x{height}: {problem}")
 
 
-def _recording(size: tuple[int, int], seed: int) -> tuple[GyroLog, Camera, list[Exposure]]:
-    """Return the simulated log, the camera and the exposure."""
+def simulated(kind: str, size: tuple[int, int], seed: int) -> tuple[GyroLog, Camera, list[Exposure]]:
+    """Return the simulated log, the camera and the exposures."""
+    from rsdeblur.io.exif import FILM_DIAGONAL
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.motion.gyro import GyroLog
     from rsdeblur.simulation.shake import hand_shake
 
-    camera = Camera(*size, FOCAL * size[0], readout_time=READOUT)
-    return hand_shake(LOG, strength=STRENGTH, seed=seed), camera, [Exposure(START, EXPOSURE)]
+    (width, height), session = size, KINDS[kind]
+    times = [session.start + float(i * session.interval) for i in range(session.frames)]
+    exposures = [Exposure(0.0, float(session.duration), session.epoch_ns + round(1e9 * time)) for time in times]
+    length = 2 * session.start + float(session.frames * session.interval)
+    shake = hand_shake(length, strength=session.strength, seed=seed)
+    focal = FOCAL35 / FILM_DIAGONAL * math.hypot(width, height) if kind == "stock-camera" else FOCAL * width
+    # The apps log in phone axes.
+    axes: dict[str, Any] = {} if kind == "capture" else {"imu_to_camera": "phone-landscape"}
+    camera = Camera(width, height, focal, readout_time=session.readout, **axes)
+    return GyroLog(shake.t, shake.omega, session.epoch_ns), camera, exposures
 
 
-def _write_session(kind: str, size: tuple[int, int], seed: int, target: Target) -> None:
-    from rsdeblur.cli import _demo_session
-
-    names = _demo_session.names(kind)
-    prepare_folder(target.output, names, force=target.force)
-    with progress("simulate"):
-        _demo_session.write(kind, size, seed, target.output, force=target.force)
-    again = shlex.join([*program(), *_session_command(kind, target.output)])
-    if target.as_json:
-        print_json({"files": names, "command": again})
-    else:
-        say("", f"The session is in {target.output}. This command deblurs it:", "", f"  {again}")
+def session_files(kind: str) -> list[str]:
+    """Return the names of the files that :func:`write_session` makes."""
+    others = [UNIX_LOG] if kind == "stock-camera" else [LOG, CAMERA, CAPTURES]
+    return [*others, *(KINDS[kind].photos or [MOVIE])]
 
 
 def _session_command(kind: str, folder: Path) -> list[str]:
     """Return the arguments that deblur a session."""
-    from rsdeblur.cli import _demo_session
-
     if kind == "recording":
         return ["batch", str(folder), "-o", f"{folder}-sharp"]
     if kind == "stock-camera":
-        photo, log = (str(folder / name) for name in (_demo_session.KINDS[kind].files[0], _demo_session.UNIX_LOG))
-        readout = f"{1e3 * _demo_session.READOUT:g}ms"
+        photo, log = (str(folder / name) for name in (KINDS[kind].photos[0], UNIX_LOG))
+        readout = f"{1e3 * KINDS[kind].readout:g}ms"
         return ["deblur", photo, "--gyro", log, "--camera", photo, "--readout-time", readout, "--start", "exif"]
-    sources = ["--gyro", str(folder / _demo_session.LOG), "--camera", str(folder / _demo_session.CAMERA)]
-    sources += ["--capture", str(folder / _demo_session.CAPTURES)]
-    return ["video", str(folder / _demo_session.MOVIE), *sources, "-o", f"{folder}-sharp.mp4"]
+    sources = ["--gyro", str(folder / LOG), "--camera", str(folder / CAMERA), "--capture", str(folder / CAPTURES)]
+    return ["video", str(folder / MOVIE), *sources, "-o", f"{folder}-sharp.mp4"]
 
 
-def program() -> list[str]:
-    """Return the words that start rsdeblur again from the same folder: its name alone only if the shell finds it."""
-    script = Path(sys.argv[0])
-    if script.name == "__main__.py":
-        return [sys.executable, "-m", "rsdeblur"]
-    on_path = shutil.which("rsdeblur")
-    if script.stem != "rsdeblur" or (on_path is not None and os.path.realpath(on_path) == os.path.realpath(script)):
-        return ["rsdeblur"]
-    return [sys.argv[0]]
+def _scene(size: tuple[int, int], seed: int) -> NDArray[Any]:
+    from rsdeblur.simulation.scene import scene
+
+    margin = round(MARGIN * max(size))
+    return scene(size[1] + 2 * margin, size[0] + 2 * margin, seed=seed)
 
 
-def _capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> None:
+def _write_capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> None:
     """Simulate the capture, and write the files that a user would have and the truth."""
     from rsdeblur.image.transfer import from_linear
     from rsdeblur.io.picture_output import write_picture
-    from rsdeblur.simulation.scene import scene
     from rsdeblur.simulation.simulate import simulate
 
-    width, height = size
-    margin = round(MARGIN * max(size))
-    sharp = scene(height + 2 * margin, width + 2 * margin, seed=seed)
-    log, camera, (exposure,) = _recording(size, seed)
-    taken = simulate(sharp, log, camera, exposure, noise=NOISE, seed=seed)
+    log, camera, (exposure,) = simulated("capture", size, seed)
+    taken = simulate(_scene(size, seed), log, camera, exposure, noise=KINDS["capture"].noise, seed=seed)
     pictures: dict[str, Any] = {"sharp": taken.rectified, "rolling": taken.rolling, "blurred": taken.blurred}
     for name, light in pictures.items():
         write_picture(output / f"{name}.png", from_linear(light.clip(0.0, 1.0), "srgb"), force=force)
-    camera.save(output / "camera.toml")
-    _write_gyro(output / "gyro.csv", log)
+    camera.save(output / CAMERA)
+    _write_log(output / "gyro.csv", log, "t,wx,wy,wz", "{s:.9f},{x:.9f},{y:.9f},{z:.9f}")
 
 
-def _compile(move: Progress | None) -> None:
-    """Deblur a small picture in every mode, so that the times of the table contain no compilation."""
-    import numpy as np
+def write_session(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: bool) -> None:
+    """Simulate a session and write its files.
 
-    from rsdeblur.pipeline.deblur import deblur
-    from rsdeblur.simulation.scene import scene
+    They are those of MARS logger with a camera file, or photos with EXIF blocks and a log of Sensor Logger.
+    """
+    from rsdeblur.io.picture_output import write_picture
+    from rsdeblur.io.pictures import Picture
 
-    width, height = LEAST_SIZE
-    picture = np.rint(255 * scene(height, width)).astype(np.uint8)
-    log, camera, (exposure,) = _recording(LEAST_SIZE, seed=0)
-    for mode in MODES:
-        deblur(picture, log, camera, exposure, mode=mode, **(PUBLISHED if mode == "global" else {}), progress=move)
+    session, stock = KINDS[kind], kind == "stock-camera"
+    if kind == "video":
+        import rsdeblur.video._av  # noqa: F401  refuses a missing extra before the work
+    log, camera, exposures = simulated(kind, size, seed)
+    frames = _frames(kind, size, seed)
+    if session.photos:
+        for name, frame, exposure in zip(session.photos, frames, exposures, strict=True):
+            like = Picture(frame, _exif(exposure)) if stock else None
+            write_picture(folder / name, frame, like=like, bits=8, force=force)
+    else:
+        _write_movie(folder / MOVIE, frames, size, session.interval)
+    if stock:
+        _write_log(folder / UNIX_LOG, log, "time,seconds_elapsed,z,y,x", "{t},{s:.9f},{z:.9f},{y:.9f},{x:.9f}")
+        return
+    camera.save(folder / CAMERA)
+    _write_log(folder / LOG, log, "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s]", "{t},{x:.9f},{y:.9f},{z:.9f}")
+    focal, readout = camera.focal_length[0], round(1e9 * camera.readout_time)
+    rows = [
+        f"{each.epoch_ns},{focal:.2f},{focal:.2f},{i},{round(1e9 * each.duration)},{readout}"
+        for i, each in enumerate(exposures)
+    ]
+    header = "Timestamp[nanosec],fx[px],fy[px],Frame No.,Exposure time[nanosec],Frame readout time[nanosec]"
+    _write_lines(folder / CAPTURES, [header, *rows])
 
 
-def _write_gyro(path: Path, log: GyroLog) -> None:
-    import numpy as np
+def _exif(exposure: Exposure) -> bytes:
+    """Return the EXIF block of a camera app."""
+    from PIL import Image
+    from PIL.ExifTags import IFD, Base
 
+    taken = datetime.fromtimestamp(exposure.epoch_ns * 1e-9 + LATE, UTC)
+    block = Image.Exif()
+    block[Base.Model] = "rsdeblur demo"
+    block.get_ifd(IFD.Exif).update(
+        {
+            Base.DateTimeOriginal: f"{taken:%Y:%m:%d %H:%M:%S}",
+            Base.SubsecTimeOriginal: f"{taken.microsecond // 1000:03}",
+            Base.OffsetTimeOriginal: "+00:00",
+            Base.ExposureTime: exposure.duration,
+            Base.FocalLengthIn35mmFilm: FOCAL35,
+        }
+    )
+    return block.tobytes()
+
+
+def _frames(kind: str, size: tuple[int, int], seed: int) -> Iterator[NDArray[Any]]:
+    """Yield the frames as display values in [0, 1]."""
+    from rsdeblur.image.transfer import from_linear
+    from rsdeblur.simulation.clip import simulate_clip
+
+    inputs = simulated(kind, size, seed)
+    for frame in simulate_clip(_scene(size, seed), *inputs, noise=KINDS[kind].noise, seed=seed, samples=16):
+        yield from_linear(frame.clip(0.0, 1.0), "srgb")
+
+
+def _write_log(path: Path, log: GyroLog, header: str, row: str) -> None:
+    """Write a line for each sample; `row` contains the time `t` in ns, the seconds `s` from the start, x, y and z."""
+    lines = [header]
+    for s, (x, y, z) in zip(log.t.tolist(), log.omega.tolist(), strict=True):
+        lines.append(row.format(t=log.epoch_ns + round(1e9 * s), s=s, x=x, y=y, z=z))
+    _write_lines(path, lines)
+
+
+def _write_lines(path: Path, lines: Sequence[str]) -> None:
     from rsdeblur._util.atomic import atomic_write
 
     with atomic_write(path) as file:
-        np.savetxt(file, np.column_stack([log.t, log.omega]), "%.9f", ",", header="t,wx,wy,wz", comments="")
+        file.writelines(f"{line}\n".encode() for line in lines)
+
+
+def _write_movie(path: Path, frames: Iterable[NDArray[Any]], size: tuple[int, int], interval: Fraction) -> None:
+    """Encode display values as H.264 with one frame per `interval`."""
+    import numpy as np
+
+    from rsdeblur._util.atomic import atomic_write
+    from rsdeblur.video._av import av
+
+    with atomic_write(path) as file, av.open(file, "w", format="mp4") as container:
+        stream: Any = container.add_stream("libx264", rate=1 / interval, options={"crf": "12"})
+        stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
+        for values in frames:
+            frame = av.VideoFrame.from_ndarray(np.rint(65535 * values).astype(np.uint16), format="rgb48le")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())

@@ -3,75 +3,61 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._command import Command
-from rsdeblur.cli._describe import describe, print_entry
-from rsdeblur.cli._output import print_json
-from rsdeblur.cli._types import PATH, SecondsType
-from rsdeblur.errors import CoverageError, FileFormatError
+from rsdeblur.cli._log import accelerometer
+from rsdeblur.cli._options import READING, Command, Recording
+from rsdeblur.cli._output import print_json, say
+from rsdeblur.cli._types import PATH
+from rsdeblur.errors import CoverageError, FileFormatError, RsdeblurWarning
+
+if TYPE_CHECKING:
+    from rsdeblur.io.camera_file import CameraFile
+    from rsdeblur.motion.camera import Camera
 
 EXAMPLES = """\b
 Examples:
   rsdeblur info gyro.csv phone.toml frames.csv photo.jpg
   rsdeblur info --gyro gyro.csv --camera phone.toml --capture frames.csv
 """
+# Options that check exposures.
+TOGETHER = ("gyro", "camera", "capture")
+# Number of entries of a long list, such as exposures or gaps, that the text shows; JSON has all.
+SHOWN = 12
 
-
-@dataclass(frozen=True, slots=True)
-class Together:
-    """Log, camera and exposures that are checked against each other, and values that replace those of the files."""
-
-    gyro: Path | None
-    camera: Path | None
-    capture: Path | None
-    duration: float | None
-    time_offset: float | None
+AXES = {
+    "phone": "phone: x right, y up, z out of the screen",
+    "gyroflow": "Gyroflow: x up, y left, z back",
+    "sensor": "the sensor's own",
+}
 
 
 @click.command("info", cls=Command, epilog=EXAMPLES)
 @click.argument("files", type=PATH, nargs=-1)
-@_options.gathered(
-    "together",
-    Together,
-    (
-        click.option("--gyro", type=PATH, metavar="LOG", help="Gyro log, to check the exposures of --capture."),
-        click.option("--camera", type=PATH, metavar="FILE", help="Camera file, for the same check."),
-        click.option("--capture", type=PATH, metavar="FILE", help="Metadata file that contains the exposures."),
-        click.option(
-            "--duration", type=SecondsType(above=0.0), help="Exposure time, where --capture contains timestamps only."
-        ),
-        click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera's."),
-    ),
-)
-@_options.log_options
+@_options.recording_options(*TOGETHER, *READING, "duration", "time_offset", required=())
 @_options.json_option
-def command(
-    files: tuple[Path, ...],
-    together: Together,
-    as_json: bool,
-    gyro_format: str | None,
-    **reading: Any,
-) -> None:
+def command(files: tuple[Path, ...], recording: Recording, as_json: bool) -> None:
     """Show what FILES contain.
 
     FILES are gyro logs, camera files, capture files or pictures. With --gyro, --camera and --capture, also show whether
     the log covers each exposure, and if the log has an accelerometer, the angle by which gravity is turned from the
     bottom of the picture, as stored, towards its right.
     """
-    named = [together.gyro, together.camera, together.capture]
+    named = [getattr(recording, name) for name in TOGETHER]
     if any(named) and not all(named):
         raise click.UsageError("--gyro, --camera and --capture are needed together", ctx=click.get_current_context())
     if not files and not any(named):
         raise click.UsageError("name a file, or --gyro, --camera and --capture", ctx=click.get_current_context())
     entries = []
-    for entry in _entries(files, together, {"format": gyro_format} | reading):
+    for entry in _entries(files, recording):
         entries.append(entry)
         # A reason is reported as the error, at the end.
         if not as_json and "reason" not in entry:
@@ -83,7 +69,8 @@ def command(
         raise FileFormatError("; ".join(reasons))
 
 
-def _entries(files: tuple[Path, ...], together: Together, reading: dict[str, Any]) -> Iterator[dict[str, Any]]:
+def _entries(files: tuple[Path, ...], recording: Recording) -> Iterator[dict[str, Any]]:
+    reading = {name.removeprefix("gyro_"): getattr(recording, name) for name in READING}
     for path in files:
         try:
             if not path.is_file():
@@ -94,22 +81,20 @@ def _entries(files: tuple[Path, ...], together: Together, reading: dict[str, Any
         except FileFormatError as error:
             # The command describes the other files first.
             yield {"file": str(path), "kind": "not understood", "reason": str(error)}
-    if together.gyro and together.camera and together.capture:
-        coverage = _coverage(together.gyro, together.camera, together.capture, together, reading)
-        yield {"file": str(together.gyro), "kind": f"coverage of {together.capture}", "exposures": coverage}
+    if recording.capture is not None:
+        coverage = _coverage(recording, recording.capture, reading)
+        yield {"file": str(recording.gyro), "kind": f"coverage of {recording.capture}", "exposures": coverage}
 
 
-def _coverage(
-    gyro: Path, camera_file: Path, capture: Path, together: Together, reading: dict[str, Any]
-) -> list[dict[str, Any]]:
-    from rsdeblur.cli._gravity import accelerometer
+def _coverage(recording: Recording, capture: Path, reading: dict[str, Any]) -> list[dict[str, Any]]:
     from rsdeblur.io import read_camera, read_captures, read_gyro
 
-    log, camera = read_gyro(gyro, **reading), read_camera(camera_file)
-    if together.time_offset is not None:
-        camera = replace(camera, time_offset=together.time_offset)
+    log, camera = read_gyro(recording.gyro, **reading), read_camera(recording.camera)
+    if recording.time_offset is not None:
+        camera = replace(camera, time_offset=recording.time_offset)
+    acceleration = accelerometer(recording.gyro)
     report = []
-    for exposure in read_captures(capture, duration=together.duration):
+    for exposure in read_captures(capture, duration=recording.duration):
         opens, closes = exposure.span(camera)
         try:
             log.covering(opens - camera.time_offset, closes - camera.time_offset, exposure.epoch_ns)
@@ -117,8 +102,228 @@ def _coverage(
         except CoverageError as error:
             state = str(error)
         start_ns = exposure.epoch_ns + round(exposure.start * 1e9)
-        acceleration = accelerometer(gyro)
         angle = None if acceleration is None else acceleration.gravity_angle(camera, exposure)
         gravity = {} if angle is None else {"gravity_deg": round(math.degrees(angle), 1)}
         report.append({"start_ns": start_ns, "duration_s": exposure.duration} | gravity | {"coverage": state})
     return report
+
+
+def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
+    """Return the kind and the contents of a file; `reading` are the options for reading a gyro log."""
+    from rsdeblur.io.archives import is_archive
+    from rsdeblur.io.cameras import detect_camera_format
+    from rsdeblur.io.captures import FORMATS, WHAT
+    from rsdeblur.io.clocks import is_clocks
+    from rsdeblur.io.gyro_logs import detect_gyro_format
+    from rsdeblur.io.picture_output import KINDS
+    from rsdeblur.io.pictures import is_picture
+    from rsdeblur.io.source import Source
+
+    source = Source(path, WHAT)
+    # By its extension too, so that the error of a damaged picture is about a picture.
+    if is_picture(source) or path.suffix.lower() in KINDS:
+        return describe_picture(path)
+    if reading["format"]:
+        return describe_gyro(path, reading)
+    if is_clocks(source):
+        return describe_clocks(path)
+    for detect, describe_kind in ((detect_camera_format, describe_camera), (detect_gyro_format, describe_gyro)):
+        try:
+            format = detect(path)
+        except FileFormatError:
+            continue
+        # Recordings contain a camera too, but are described as captures or gyro logs.
+        if format in ("mars", "recording") and describe_kind is describe_camera:
+            continue
+        if format != "gyroflow" or describe_kind is describe_gyro or _is_lens_profile(path):
+            return describe_kind(path, reading)
+    # GyroDeblurNet's captures have eight columns too, but no quaternions.
+    with suppress(FileFormatError):
+        trajectory = describe_trajectory(path)
+        if trajectory["orientations"]:
+            return trajectory
+    if any(each.fits(source) for each in FORMATS):
+        return describe_captures(path)
+    try:
+        # Logs are the commonest tables, and archives contain nothing else, so this error is the most likely to help.
+        return describe_gyro(path, reading)
+    except FileFormatError as error:
+        if is_archive(source):
+            raise
+        raise FileFormatError(f"{error}; it is not a camera file, a capture file or a picture either") from error
+
+
+def _is_lens_profile(path: Path) -> bool:
+    from rsdeblur.io.gyroflow import is_profile
+    from rsdeblur.io.source import Source
+
+    return is_profile(Source(path, "lens profile").json)
+
+
+def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
+    """Return the properties of a gyro log."""
+    import numpy as np
+
+    from rsdeblur.io import open_gyro
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RsdeblurWarning)
+        file = open_gyro(path, **reading)
+    log = file.log
+    return {
+        "kind": "gyro log",
+        "format": file.format,
+        "samples": len(log),
+        "rate_hz": log.rate,
+        "epoch_ns": log.epoch_ns,
+        "span_s": list(log.span),
+        "units_in_file": f"{file.time_unit}, {file.rate_unit}",
+        "axes": AXES[file.axes],
+        **file.facts,
+        "gaps_s": log.gaps().tolist(),
+        "rms_rad_s": np.sqrt(np.mean(log.omega**2, axis=0)).tolist(),
+        "peak_rad_s": np.abs(log.omega).max(axis=0).tolist(),
+        **_accelerometer(path),
+        "remarks": [str(warning.message) for warning in caught],
+    }
+
+
+def _accelerometer(path: Path) -> dict[str, Any]:
+    """Return the properties of the accelerometer in a gyro log; empty if it has none."""
+    import numpy as np
+
+    log = accelerometer(path)
+    if log is None:
+        return {}
+    return {"accelerometer_hz": log.rate, "gravity_m_s2": float(np.median(np.linalg.norm(log.force, axis=1)))}
+
+
+def describe_trajectory(path: Path) -> dict[str, Any]:
+    """Return the properties of a trajectory."""
+    import numpy as np
+
+    from rsdeblur.io import read_trajectory
+
+    track = read_trajectory(path)
+    return {
+        "kind": "trajectory",
+        "poses": len(track.t),
+        "epoch_ns": track.epoch_ns,
+        "span_s": [float(track.t[0]), float(track.t[-1])],
+        "orientations": track.quaternion is not None,
+        "extent_m": np.ptp(track.position, axis=0).tolist(),
+    }
+
+
+def describe_clocks(path: Path) -> dict[str, Any]:
+    """Return the differences between the clocks of a session."""
+    from rsdeblur.io.clocks import read_clocks
+
+    clocks = read_clocks(path)
+    return {
+        "kind": "clocks of a session",
+        "camera_clock": clocks.source,
+        "differences_ns": list(clocks.differences),
+        "time_offset_s": clocks.time_offset,
+    }
+
+
+def describe_camera(path: Path, reading: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Return the contents of a camera file."""
+    from rsdeblur.io import open_camera
+
+    return camera_facts(open_camera(path))
+
+
+def camera_facts(file: CameraFile) -> dict[str, Any]:
+    """Return the properties of a camera and of its file."""
+    camera = file.camera
+    return {
+        "kind": "camera",
+        "format": file.format,
+        "size_px": [camera.width, camera.height],
+        "focal_length_px": list(camera.focal_length),
+        "principal_point_px": list(camera.principal_point),
+        "distortion_model": camera.distortion_model,
+        "distortion": list(camera.distortion),
+        "readout_time_s": camera.readout_time,
+        "readout_direction": camera.readout_direction,
+        "imu_to_camera": camera.imu_to_camera.tolist(),
+        "imu_axes": _preset_of(camera),
+        "time_offset_s": camera.time_offset,
+        "timestamp_marks": camera.timestamp_marks,
+        **file.facts,
+        "remarks": file.remarks,
+    }
+
+
+def _preset_of(camera: Camera) -> str | None:
+    import numpy as np
+
+    from rsdeblur.motion.axes import PRESETS, imu_to_camera
+
+    fits = [name for name in PRESETS if np.allclose(camera.imu_to_camera, imu_to_camera(name), atol=1e-9)]
+    return " or ".join(fits) or None
+
+
+def describe_captures(path: Path) -> dict[str, Any]:
+    """Return the exposures in a capture file."""
+    from rsdeblur.io.captures import open_captures
+
+    file = open_captures(path)
+    exposures = [
+        {"start_ns": timestamp} | ({} if duration is None else {"duration_s": duration})
+        for timestamp, duration in zip(file.timestamps, file.durations, strict=True)
+    ]
+    return {"kind": "captures", "format": file.format, "count": len(exposures), "exposures": exposures}
+
+
+def describe_picture(path: Path) -> dict[str, Any]:
+    """Return the properties of a picture, and of the gyro data in its file."""
+    from rsdeblur.io.exif import MAKE, MODEL, Exif, shown_time
+    from rsdeblur.io.gyro_binary import trailer_of
+    from rsdeblur.io.pictures import read_picture
+    from rsdeblur.io.source import Source
+
+    picture = read_picture(path)
+    exif = Exif(picture.exif)
+    height, width = picture.pixels.shape[:2]
+    facts = {
+        "kind": "picture",
+        "size_px": [width, height],
+        "channels": 1 if picture.pixels.ndim == 2 else picture.pixels.shape[2],
+        "values": f"{picture.pixels.dtype}, {picture.transfer}",
+        "exif_camera": " ".join(filter(None, (exif.text(MAKE), exif.text(MODEL)))) or None,
+        "exif_exposure_s": exif.exposure,
+        "exif_time": shown_time(exif),
+        "exif_orientation": exif.orientation,
+        "icc_profile": picture.icc_profile is not None,
+    }
+    if trailer_of(Source(path, "picture")) is None:
+        return facts
+    gyro = describe_gyro(path, {"format": "gyrodata"})
+    return facts | {"gyro": {key: gyro[key] for key in ("samples", "rate_hz", "epoch_ns", "capture_ns")}}
+
+
+def print_entry(entry: dict[str, Any]) -> None:
+    """Print a result of `describe` as text."""
+    say(f"{entry['file']}: {entry['kind']}")
+    for key, value in entry.items():
+        if key in ("file", "kind") or value in ([], None):
+            continue
+        if isinstance(value, list) and isinstance(value[0], (dict, list, str)):
+            say(f"  {key}:")
+            for i, item in enumerate(value[:SHOWN]):
+                say(f"    {i}: {_cell(item)}")
+            if len(value) > SHOWN:
+                say(f"    ... {len(value) - SHOWN} more, see --json")
+        else:
+            say(f"  {key}: {_cell(value)}")
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_cell(item)}" for key, item in value.items())
+    if isinstance(value, list):
+        return "  ".join(map(_cell, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

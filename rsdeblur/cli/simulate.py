@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of
-from rsdeblur.cli._options import Recording, Target
+from rsdeblur.cli._options import MANY, Command, Recording, Target, option
 from rsdeblur.cli._output import prepare_folder, print_json, progress, say
-from rsdeblur.cli._types import PATH, NumberType
+from rsdeblur.cli._types import NOT_NEGATIVE, PATH
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
@@ -27,17 +26,17 @@ Examples:
 
 @click.command("simulate", cls=Command, epilog=EXAMPLES)
 @click.argument("sharp", type=PATH)
-@_options.recording_options()
+@_options.recording_options(*MANY)
 @_options.transfer_option
-@click.option(
+@option(
     "--noise",
-    type=NumberType(min=0.0),
+    type=NOT_NEGATIVE,
     default=0.0,
     show_default=True,
     help="Standard deviation of the noise, in linear light from 0 to 1.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise.")
-@click.option("--bits", type=click.Choice(["8", "16"]), default="8", show_default=True, help="Bits per channel.")
+@option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise.")
+@option("--bits", type=click.Choice(["8", "16"]), default="8", show_default=True, help="Bits per channel.")
 @_options.target_options("DIR", "Folder to write to.")
 def command(
     sharp: Path,
@@ -54,8 +53,7 @@ def command(
     to DIR blurred.png and two sharp references: rectified.png (all rows at one time, the truth for --geometry rectify)
     and rolling.png (each row at its own time, the truth for --geometry keep).
     """
-    names = ("blurred", "rectified", "rolling")
-    paths = [target.output / f"{name}.png" for name in names]
+    paths = [target.output / f"{name}.png" for name in ("blurred", "rectified", "rolling")]
     prepare_folder(target.output, [path.name for path in paths], force=target.force)
     picture, log, camera, exposure = read_inputs(sharp, recording, is_scene=True)
 

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._command import Command
-from rsdeblur.cli._inputs import check_offset, naming, read_inputs, recordings_of, transfer_of
-from rsdeblur.cli._items import numbered_from_option
-from rsdeblur.cli._options import Recording
+from rsdeblur.cli._inputs import checked_offset, naming, read_inputs, recordings_of, transfer_of
+from rsdeblur.cli._options import MANY, Command, Recording, option
 from rsdeblur.cli._output import print_json, progress, say
-from rsdeblur.cli._types import PATH, SecondsType
+from rsdeblur.cli._types import PATH, SECONDS
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
@@ -34,12 +32,12 @@ Examples:
 
 @click.command("sync", cls=Command, epilog=EXAMPLES)
 @click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
-@_options.recording_options()
-@numbered_from_option
+@_options.recording_options(*MANY)
+@_options.numbered_from_option
 @_options.transfer_option
-@click.option("--from", "first", type=SecondsType(), help="First shift.  [default: -60ms, or -2s with --start exif]")
-@click.option("--to", "last", type=SecondsType(), help="Last shift.  [default: 60ms, or 1s with --start exif]")
-@click.option("--write", is_flag=True, help="Write the time offset into the camera file.")
+@option(*("--from", "first"), type=SECONDS, help="First shift.  [default: -60ms, or -2s with --start exif]")
+@option(*("--to", "last"), type=SECONDS, help="Last shift.  [default: 60ms, or 1s with --start exif]")
+@option("--write", is_flag=True, help="Write the time offset into the camera file.")
 @_options.json_option
 def command(
     photos: tuple[Path, ...],
@@ -72,7 +70,7 @@ def command(
         check_editable(recording.camera)
     usual = EXIF_ERROR if from_exif else SEARCH
     pairs = zip(photos, recordings_of(photos, recording, numbered_from), strict=True)
-    inputs = [read_inputs(photo, each, search=False) for photo, each in pairs]
+    inputs = [read_inputs(photo, each) for photo, each in pairs]
     transfers = sorted({str(transfer_of(each.picture, transfer)) for each in inputs})
     if len(transfers) > 1:
         raise click.UsageError(f"the photos encode light differently ({', '.join(transfers)}); give --transfer")
@@ -89,10 +87,10 @@ def command(
         write_time_offset(recording.camera, found.time_offset)
     if as_json:
         print_json(_facts(found) | {"written": str(recording.camera) if is_written else None})
-    check_offset(found, photos)
-    if not as_json and found.time_offset is not None:
+    offset = checked_offset(found, photos)
+    if not as_json:
         place = f"; written to {recording.camera}" if is_written else ""
-        say(f"time offset {1e3 * found.time_offset:.1f} ms (+- {1e3 * found.sd:.1f}){place}")
+        say(f"time offset {1e3 * offset:.1f} ms (+- {1e3 * found.sd:.1f}){place}")
 
 
 def _facts(found: OffsetSearch) -> dict[str, Any]:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,12 +11,11 @@ import click
 
 from rsdeblur.choices import DROP, KEEP
 from rsdeblur.cli import _options
-from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
-from rsdeblur.cli._items import FOR_PHOTOS, ONE_OF_MANY, numbered_from_option, read_items, refuse_given
-from rsdeblur.cli._options import Defaults, Recording
-from rsdeblur.cli._output import FAILURES, plain_cell, prepare_folder, print_json, progress, reason, say, write_json
-from rsdeblur.cli._types import PATH, NumberType
+from rsdeblur.cli._items import read_items
+from rsdeblur.cli._options import FOR_PHOTOS, MANY, Command, Recording, Target, option, refuse_given, require
+from rsdeblur.cli._output import FAILURES, prepare_folder, print_json, progress, reason, say, write_json, write_table
+from rsdeblur.cli._types import NOT_NEGATIVE, PATH
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
@@ -49,36 +45,32 @@ class _Shot(NamedTuple):
 
 @click.command("triage", cls=Command, epilog=EXAMPLES)
 @click.argument("source", type=PATH, metavar="FOLDER|CLIP")
-@_options.recording_options(required=False)
-@numbered_from_option
-@click.option(
+@_options.recording_options(*MANY, required=())
+@_options.numbered_from_option
+@option(
     "--keep",
-    type=NumberType(min=0.0),
+    type=NOT_NEGATIVE,
     default=KEEP,
     show_default=True,
     metavar="PX",
     help="Longest path of a picture that is sharp enough as it is.",
 )
-@click.option(
+@option(
     "--drop",
-    type=NumberType(min=0.0),
+    type=NOT_NEGATIVE,
     default=DROP,
     show_default=True,
     metavar="PX",
     help="Longest path of a picture that is worth deblurring.",
 )
-@click.option("-o", "--output", type=PATH, metavar="DIR", help=f"Folder for {TABLE}, {REPORT} and {PLOT}.")
-@_options.force_option
-@_options.json_option
+@_options.target_options("DIR", f"Folder for {TABLE}, {REPORT} and {PLOT}.", required=False)
 def command(
     source: Path,
     recording: Recording,
     numbered_from: int | None,
     keep: float,
     drop: float,
-    output: Path | None,
-    force: bool,
-    as_json: bool,
+    target: Target,
 ) -> None:
     """Measure the blur of photos or frames by the gyro log alone.
 
@@ -87,8 +79,9 @@ def command(
     logger, a folder of photos with --gyro and --capture, or a manifest like that of `batch`; CLIP is a video. Blur by
     focus and by moving subjects is not in a gyro log.
     """
+    output: Path | None = target.output
     if output is not None:
-        prepare_folder(output, [TABLE, REPORT, PLOT], force=force)
+        prepare_folder(output, [TABLE, REPORT, PLOT], force=target.force)
     import numpy as np
 
     from rsdeblur._util.atomic import atomic_write
@@ -100,7 +93,8 @@ def command(
     check_thresholds(keep, drop)
     is_clip = source.is_file() and source.suffix.lower() not in MANIFESTS
     if is_clip:
-        refuse_given(FOR_PHOTOS, index=recording.index, numbered_from=numbered_from)
+        moment = recording.start if recording.start == "exif" else None
+        refuse_given(FOR_PHOTOS, index=recording.index, numbered_from=numbered_from, start=moment)
         shots = _frames(source, recording)
     else:
         shots = _photos(source, recording, numbered_from, output)
@@ -117,11 +111,11 @@ def command(
     entries = _entries(shots, times, judged)
     report = {"keep_px": keep, "drop_px": drop, "counts": judged.counts, "items": entries}
     if output is not None:
-        _write_table(output / TABLE, entries)
+        write_table(output / TABLE, list(dict.fromkeys(name for entry in entries for name in entry)), entries)
         write_json(output / REPORT, report)
         with atomic_write(output / PLOT) as file:
             file.write(timeline_svg(times, judged))
-    if as_json:
+    if target.as_json:
         print_json(report)
     else:
         _print(source, judged, output)
@@ -134,10 +128,7 @@ def _frames(source: Path, recording: Recording) -> list[_Shot]:
     """Return the frames of a video; only their timestamps are read."""
     from rsdeblur.video.clip import open_clip
 
-    if recording.gyro is None or recording.camera is None:
-        raise click.UsageError("a video needs --gyro and --camera", ctx=click.get_current_context())
-    if recording.start == "exif":
-        raise click.UsageError("--start exif is for photos; give --capture, or the start of the first frame")
+    require(recording, "gyro", "camera")
     log, camera = read_device(recording)
     exposures = clip_exposures(open_clip(source), recording)
     return [_Shot({"frame": i}, (log, camera, exposure)) for i, exposure in enumerate(exposures)]
@@ -145,11 +136,8 @@ def _frames(source: Path, recording: Recording) -> list[_Shot]:
 
 def _photos(source: Path, recording: Recording, numbered_from: int | None, output: Path | None) -> list[_Shot]:
     """Return the photos of a folder or of a manifest."""
-    start = None if recording.start == "exif" else recording.start
-    refuse_given(ONE_OF_MANY, index=recording.index, start=start, start_ns=recording.start_ns)
-    defaults = Defaults(**{field.name: getattr(recording, field.name) for field in fields(Defaults)})
     shots = []
-    for item in read_items(source, defaults, output or source / "triage", numbered_from=numbered_from):
+    for item in read_items(source, recording, output or source / "triage", numbered_from=numbered_from):
         known, failure = None, item.error
         if item.recording is not None:
             try:
@@ -181,19 +169,6 @@ def _entries(shots: Sequence[_Shot], times: Sequence[float | None], judged: Tria
         }
         for shot, time, length, decision, reason in columns
     ]
-
-
-def _write_table(path: Path, entries: Sequence[dict[str, Any]]) -> None:
-    from rsdeblur._util.atomic import atomic_write
-
-    text = io.StringIO()
-    columns = list(dict.fromkeys(name for entry in entries for name in entry))
-    table = csv.DictWriter(text, columns, lineterminator="\n")
-    table.writeheader()
-    for entry in entries:
-        table.writerow({name: plain_cell(value) for name, value in entry.items()})
-    with atomic_write(path) as file:
-        file.write(text.getvalue().encode())
 
 
 def _print(source: Path, judged: Triage, output: Path | None) -> None:

@@ -5,22 +5,19 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from rsdeblur.choices import CRF, KEEP
 from rsdeblur.cli import _options
-from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, naming, read_device, warn_of_clip_gravity
-from rsdeblur.cli._jobs import jobs_option, shared_threads
-from rsdeblur.cli._options import Recording, Target
+from rsdeblur.cli._options import CLIP, OUTPUT, SOLVE, Command, Recording, Target, option
 from rsdeblur.cli._output import print_json, progress, say
-from rsdeblur.cli._refinement import correction_text, refinement_facts
-from rsdeblur.cli._types import PATH, NumberType
+from rsdeblur.cli._photo import refinement_facts, remarks
+from rsdeblur.cli._types import NOT_NEGATIVE, PATH
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.video import QUALITY
 
@@ -28,6 +25,9 @@ if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options
     from rsdeblur.video.encode import Encoding
     from rsdeblur.video.plan import ClipPlan
+
+# Options that would make a video flicker, or are for single pictures.
+FOR_PICTURES = ("max_memory", "fallback", "normalize", "saturation")
 
 EXAMPLES = """\b
 Examples:
@@ -37,50 +37,36 @@ Examples:
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Encode:
-    """Options of the encoder."""
-
-    codec: str | None
-    crf: int
-
-
 @click.command("video", cls=Command, epilog=EXAMPLES, context_settings={"default_map": {"quality": QUALITY}})
 @click.argument("source", type=PATH, metavar="VIDEO")
-@_options.clip_options()
-@_options.solve_options(*_options.BLUR, *_options.SOLVER, "refine", *_options.ENGINE)
-@_options.gathered(
-    "encode",
-    Encode,
-    (
-        click.option("--codec", metavar="NAME", help="Encoder of FFmpeg, like libx265.  [default: as VIDEO]"),
-        click.option(
-            "--crf",
-            type=click.IntRange(0, 63),
-            default=CRF,
-            show_default=True,
-            help="Quality of the encoding: a lower value is better, and makes a larger file.",
-        ),
-    ),
+@_options.recording_options(*CLIP)
+@_options.solve_options(*(name for name in SOLVE if name not in FOR_PICTURES))
+@option("--codec", section=OUTPUT, metavar="NAME", help="Encoder of FFmpeg, like libx265.  [default: as VIDEO]")
+@option(
+    "--crf",
+    section=OUTPUT,
+    type=click.IntRange(0, 63),
+    default=CRF,
+    show_default=True,
+    help="Quality of the encoding: a lower value is better, and makes a larger file.",
 )
-@click.option(
+@option(
     "--above",
-    type=NumberType(min=0.0),
+    type=NOT_NEGATIVE,
     default=KEEP,
     show_default=True,
     metavar="PX",
-    help="Deblur only frames in which a point draws a longer path than this.",
+    help="Deblur only frames in which a point draws a longer path than this; 0 deblurs all.",
 )
-@click.option("--all", "is_all", is_flag=True, help="Deblur all frames; the same as --above 0.")
-@jobs_option("frames at a time", "the number of cores, fewer with little memory")
+@_options.jobs_option("frames at a time", "the number of cores, fewer with little memory")
 @_options.target_options("OUT", "Video to write: .mp4, .mov, .mkv or .webm.", dry_run=True)
 def command(
     source: Path,
     recording: Recording,
     options: Options,
-    encode: Encode,
+    codec: str | None,
+    crf: int,
     above: float,
-    is_all: bool,
     jobs: int | None,
     target: Target,
 ) -> None:
@@ -97,8 +83,6 @@ def command(
     from rsdeblur.video.encode import Encoding, check_output, container_of, deblur_video, estimated_seconds
     from rsdeblur.video.plan import plan_clip
 
-    if is_all and click.get_current_context().get_parameter_source("above") is not ParameterSource.DEFAULT:
-        raise click.UsageError("--above and --all exclude each other")
     begin = time.perf_counter()
     output = target.output
     check_target(output, force=target.force)
@@ -109,10 +93,10 @@ def command(
         clip = open_clip(source)
         exposures = clip_exposures(clip, recording)
         warn_of_clip_gravity(clip, recording, camera, exposures)
-        encoding = Encoding.like(clip, codec=encode.codec, crf=encode.crf)
+        encoding = Encoding.like(clip, codec=codec, crf=crf)
         check_output(clip, encoding, output, force=target.force)
-        jobs, threads = shared_threads(jobs, options.threads, tasks=len(clip))
-        plan = plan_clip(clip, log, camera, exposures, options, above=0.0 if is_all else above, progress=move)
+        jobs, threads = _options.shared_threads(jobs, options.threads, tasks=len(clip))
+        plan = plan_clip(clip, log, camera, exposures, options, above=above, progress=move)
         plan = replace(plan, options=replace(plan.options, threads=threads))
         facts = _facts(plan, encoding, output)
         _warn(source, plan.reasons)
@@ -172,17 +156,8 @@ def _print(source: Path, output: Path, facts: dict[str, Any], dry_run: bool) -> 
     verdict = "" if facts["check"] is None else f"; {facts['check']['verdict']}"
     if dry_run:
         say(f"{source}: {facts['frames']} frames, {facts['span_s']:.2f} s, all inputs fit; would write {output}")
-        say(f"  {frames}, about {facts['estimated_s']:.0f} s{verdict}")
-        say(f"  {how}")
-        _print_correction(facts)
-        return
-    dropped = f"; left out: {', '.join(facts['dropped'])}" if facts["dropped"] else ""
-    say(f"{output}: {frames}, {how}, {facts['seconds']:.1f} s{dropped}{verdict}")
-    if facts["check"] is not None and facts["check"]["reasons"]:
-        say(f"  {' '.join(facts['check']['reasons'])}")
-    _print_correction(facts)
-
-
-def _print_correction(facts: dict[str, Any]) -> None:
-    if facts["refinement"] is not None:
-        say(f"  {correction_text(facts['refinement'])}")
+        say(f"  {frames}, about {facts['estimated_s']:.0f} s{verdict}", f"  {how}")
+    else:
+        dropped = f"; left out: {', '.join(facts['dropped'])}" if facts["dropped"] else ""
+        say(f"{output}: {frames}, {how}, {facts['seconds']:.1f} s{dropped}{verdict}")
+    say(*remarks(facts, asked=True))

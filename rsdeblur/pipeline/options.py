@@ -1,12 +1,12 @@
-"""Every option of :func:`rsdeblur.deblur`, its default and its check.
+"""Every option of :func:`rsdeblur.deblur`: its default, its check, and its help on the command line.
 
-``rsdeblur --help`` reads the defaults here, so this module imports no heavy library when it is loaded.
+The command line makes its options of the fields, so this module imports no heavy library when it is loaded.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 from rsdeblur import choices
@@ -35,6 +35,19 @@ if TYPE_CHECKING:
     from rsdeblur.types import Denoiser
 
 
+# The sections of the help, in their order.
+BLUR, SOLVER, COMPUTING = "Blur", "Solver", "Computing"
+
+
+def _option(default: Any, section: str | None = None, text: str | None = None, **facts: Any) -> Any:
+    """Return a field with its section and text in the help of commands, which have no option for a field without.
+
+    `choices` are the values, `kind` names the check of a number (`_checks`), `modes` are those with an effect, and
+    `shown` is the default as the help prints it.
+    """
+    return field(default=default, metadata={"section": section, "help": text, **facts})
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
     """Options of :func:`rsdeblur.deblur`, under the names of its keywords, where they are described.
@@ -54,124 +67,173 @@ class Options:
     (None, 'banded', 'wiener')
     """
 
-    quality: Quality = "balanced"
-    mode: Mode | None = None
-    bands: Count = "auto"
-    strips: Count = "auto"
-    prior: Prior | Denoiser | None = None
-    weight: Strength = "auto"
-    exponent: float = EXPONENT
-    nsr: Strength = "auto"
-    noise: Strength = "auto"
-    solver: Solver = "auto"
-    chroma: Chroma | Auto = "auto"
-    geometry: Geometry = "keep"
-    border: Border | Boundary | Auto = "auto"
-    motion: Motion = "rotation"
+    quality: Quality = _option(
+        "balanced",
+        SOLVER,
+        "Mode and prior together: banded with wiener, or banded or rowwise with hyper-laplacian.",
+        choices=tuple(choices.QUALITIES),
+    )
+    mode: Mode | None = _option(
+        None,
+        BLUR,
+        "One PSF for the picture, one per tile, or one per row.",
+        choices=choices.MODES,
+        shown="by --quality",
+    )
+    bands: Count = _option(
+        "auto", BLUR, "Number of bands, which divide the picture along the readout.", kind="count", modes=("banded",)
+    )
+    strips: Count = _option(
+        "auto",
+        BLUR,
+        "Number of strips, which divide it across the readout.",
+        kind="count",
+        modes=("banded", "rowwise"),
+    )
+    prior: Prior | Denoiser | None = _option(
+        None,
+        SOLVER,
+        "Assumption about sharp pictures; wiener is the published filter, and the fastest.",
+        choices=choices.PRIORS,
+        shown="by --quality",
+    )
+    weight: Strength = _option(
+        "auto", SOLVER, "Weight of the prior (not wiener): a higher one gives a smoother picture.", kind="strength"
+    )
+    exponent: float = _option(EXPONENT, SOLVER, "Exponent of the hyper-Laplacian.", kind="exponent", shown="2/3")
+    nsr: Strength = _option(
+        "auto", SOLVER, "Noise-to-signal ratio: a higher one gives a smoother picture.", kind="strength"
+    )
+    noise: Strength = _option(
+        "auto",
+        SOLVER,
+        "Standard deviation of the noise in linear light, where white is 1; auto estimates it.",
+        kind="noise",
+    )
+    solver: Solver = _option("auto", choices=choices.SOLVERS)
+    chroma: Chroma | Auto = _option(
+        "auto",
+        SOLVER,
+        "Resolution of the colours: full, or half as in JPEG, in less time; auto is half for tv and hyper-laplacian, "
+        "and with --quality fast, except in --mode rowwise.",
+        choices=("auto", *choices.CHROMAS),
+    )
+    geometry: Geometry = _option(
+        "keep", BLUR, "Keep the rolling-shutter shape, or straighten it.", choices=choices.GEOMETRIES
+    )
+    border: Border | Boundary | Auto = _option(
+        "auto",
+        SOLVER,
+        "Picture beyond the frame: blended, periodic or unknown; auto is unknown for --psf, otherwise blend.",
+        choices=("auto", *choices.BORDERS, *choices.BOUNDARIES),
+    )
+    motion: Motion = _option(
+        "rotation", BLUR, "Full rotation, or small angles about x and y only.", choices=choices.MOTIONS
+    )
     translation: Translation | None = None
-    softness: float = 0.0
-    refine: bool = False
-    transfer: Transfer | Auto = "auto"
-    normalize: bool = False
-    saturation: Saturation = "auto"
-    check: bool = True
-    fallback: bool = False
-    planning: Planning = "estimate"
-    threads: int | None = None
-    max_memory: int | None = None
+    softness: float = _option(
+        0.0,
+        BLUR,
+        "Blur of lens, pixels and demosaicing to undo as well: the standard deviation of a Gaussian, up to 1 px.",
+        kind="softness",
+    )
+    refine: bool = _option(
+        False, BLUR, "Correct focal length, clock, readout and motion by the picture first; takes some seconds."
+    )
+    transfer: Transfer | Auto = _option(
+        "auto",
+        SOLVER,
+        "How pixel values encode light; auto means srgb for 8 and 16 bits, linear for floating point.",
+        kind="transfer",
+    )
+    normalize: bool = _option(False, SOLVER, "Compress light that exceeds the range into it, at the price of contrast.")
+    saturation: Saturation = _option(
+        "auto",
+        SOLVER,
+        "Solve without clipped highlights and add them afterwards, which leaves fewer streaks: always, or (auto) by "
+        "night and where small ones cover at most 0.5% of the picture, except with --quality fast and --max-memory.",
+        choices=choices.SATURATIONS,
+    )
+    check: bool = _option(True)
+    fallback: bool = _option(False, SOLVER, "Blend the result towards the photo if the check finds it bad.")
+    planning: Planning = _option("estimate", choices=choices.PLANNINGS)
+    threads: int | None = _option(None, COMPUTING, "Number of threads.  [default: all cores]", kind="threads")
+    max_memory: int | None = _option(
+        None,
+        COMPUTING,
+        "Memory for the work, without the picture and its result, like 1GiB; little memory takes longer.",
+        kind="memory",
+    )
 
     def __post_init__(self) -> None:
-        self._check_choices()
-        self._check_numbers()
+        self._check_values()
         self._check_combinations()
 
-    def _check_choices(self) -> None:
+    def _check_values(self) -> None:
         from rsdeblur._util import validate
 
-        validate.choice("quality", self.quality, tuple(choices.QUALITIES))
-        allowed: dict[str, Collection[str]] = {
-            "solver": choices.SOLVERS,
-            "chroma": ("auto", *choices.CHROMAS),
-            "geometry": choices.GEOMETRIES,
-            "border": ("auto", *choices.BORDERS, *choices.BOUNDARIES),
-            "motion": choices.MOTIONS,
-            "saturation": choices.SATURATIONS,
-            "planning": choices.PLANNINGS,
-        }
-        if self.mode is not None:
-            allowed["mode"] = choices.MODES
-        if self.prior is not None and not callable(self.prior):
-            allowed["prior"] = choices.PRIORS
-        for name, values in allowed.items():
-            validate.choice(name, getattr(self, name), values)
-        for name in ("refine", "normalize", "check", "fallback"):
-            validate.boolean(name, getattr(self, name))
-
-    def _check_numbers(self) -> None:
-        from rsdeblur._util import validate
-        from rsdeblur.image.transfer import check_transfer
-
-        checked: dict[str, object] = {}
-        for name in ("bands", "strips"):
-            if not validate.is_auto(getattr(self, name)):
-                checked[name] = validate.count(name, getattr(self, name))
-        for name in ("nsr", "weight"):
-            if not validate.is_auto(getattr(self, name)):
-                checked[name] = validate.strength(name, getattr(self, name))
-        if not validate.is_auto(self.noise):
-            checked["noise"] = validate.noise("noise", self.noise)
-        checked["exponent"] = validate.exponent(self.exponent)
-        checked["softness"] = validate.softness(self.softness)
-        for name in ("threads", "max_memory"):
-            if getattr(self, name) is not None:
-                checked[name] = validate.count(name, getattr(self, name))
-        if not validate.is_auto(self.transfer):
-            checked["transfer"] = check_transfer(self.transfer)
+        checks = _checks()
+        for each in fields(self):
+            name, value, facts = each.name, getattr(self, each.name), each.metadata
+            if (value is None and each.default is None) or (name == "prior" and callable(value)):
+                continue
+            if isinstance(each.default, bool):
+                validate.boolean(name, value)
+            elif "choices" in facts:
+                validate.choice(name, value, facts["choices"])
+            elif "kind" in facts and not (each.default == "auto" and validate.is_auto(value)):
+                object.__setattr__(self, name, checks[facts["kind"]](name, value))
         if self.translation is not None:
             from rsdeblur.motion.translation import Translation
 
             validate.instance("translation", self.translation, Translation)
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
 
     def _check_combinations(self) -> None:
         from rsdeblur._util import validate
 
         mode, prior, boundary = self.mode_in_effect, self.prior_in_effect, self.boundary_in_effect
         if prior == "wiener" and not validate.is_auto(self.weight):
-            raise InputError('prior="wiener" has no weight: give nsr, or another prior')
+            raise InputError("the prior wiener has no weight: give nsr, or another prior", "weight")
         if prior != "hyper-laplacian" and self.exponent != EXPONENT:
-            raise InputError(f'exponent belongs to prior="hyper-laplacian", but prior is {self.prior_name!r}')
-        if mode == "rowwise" and boundary is not None:
-            given = f'quality="{self.quality}"' if self.mode is None else 'mode="rowwise"'
             raise InputError(
-                f'{given} takes no border="{boundary}", because it solves for the rows beyond the frame; '
-                'use border="blend" or "periodic"'
+                f"exponent belongs to the prior hyper-laplacian, but the prior is {self.prior_name}", "exponent"
+            )
+        if mode == "rowwise" and boundary is not None:
+            given = f"the quality {self.quality}" if self.mode is None else "the mode rowwise"
+            raise InputError(
+                f"{given} takes no border {boundary}, because it solves for the rows beyond the frame; use the border "
+                "blend or periodic",
+                "border",
             )
         if boundary == "unknown" and prior == "wiener":
             raise InputError(
-                'prior="wiener" takes no border="unknown", which needs a prior that takes several steps; use '
-                'border="blend", or another prior'
+                "the prior wiener takes no border unknown, which needs a prior that takes several steps; use the "
+                "border blend, or another prior",
+                "border",
             )
         if self.chroma == "half" and not self._may_halve_chroma:
             raise InputError(
-                'chroma="half" goes with mode "banded" or "global", prior "wiener", "gradient", "tv" or '
-                f'"hyper-laplacian", and no border="unknown", but mode is "{mode}", prior {self.prior_name!r} and '
-                f'border "{self.border}"; use chroma="auto"'
+                "half colours go with the modes banded and global, the priors wiener, gradient, tv and "
+                f"hyper-laplacian, and no border unknown, but the mode is {mode}, the prior {self.prior_name} and the "
+                f"border {self.border}; use the chroma auto",
+                "chroma",
             )
         if self.fallback and self.geometry == "rectify":
             raise InputError(
-                'fallback=True blends with the input, but geometry="rectify" changes its shape; use geometry="keep"'
+                "fallback blends with the input, but the geometry rectify changes its shape; use the geometry keep",
+                "fallback",
             )
         whole = {
-            'geometry="rectify"': self.geometry == "rectify",
-            "refine=True": self.refine,
-            "normalize=True": self.normalize,
-            f'border="{boundary}"': boundary is not None,
+            "geometry rectify": self.geometry == "rectify",
+            "refine": self.refine,
+            "normalize": self.normalize,
+            f"border {boundary}": boundary is not None,
         }
         for text, needs_all in whole.items():
             if self.max_memory is not None and needs_all:
-                raise InputError(f"{text} needs the whole picture at once: leave out max_memory or {text}")
+                raise InputError(
+                    f"{text} needs the whole picture at once: leave out max_memory or {text}", "max_memory"
+                )
 
     @property
     def mode_in_effect(self) -> Mode:
@@ -239,3 +301,20 @@ class Options:
     def _may_halve_chroma(self) -> bool:
         suited = self.prior_in_effect in ("wiener", "gradient", "tv", "hyper-laplacian")
         return suited and self.mode_in_effect != "rowwise" and self.border != "unknown"
+
+
+def _checks() -> dict[str, Callable[[str, Any], Any]]:
+    """Return the check of each kind of number, which returns the number."""
+    from rsdeblur._util import validate
+    from rsdeblur.image.transfer import check_transfer
+
+    return {
+        "count": validate.count,
+        "strength": validate.strength,
+        "noise": validate.noise,
+        "exponent": lambda _, value: validate.exponent(value),
+        "softness": lambda _, value: validate.softness(value),
+        "transfer": lambda _, value: check_transfer(value),
+        "threads": validate.count,
+        "memory": validate.count,
+    }

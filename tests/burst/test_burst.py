@@ -300,7 +300,7 @@ def test_refine_corrects_the_recording_by_the_most_blurred_frames(monkeypatch: p
     ("options", "message"),
     [
         ({"border": "unknown", "prior": "tv"}, 'border="unknown"'),
-        ({"border": "unknown", "mode": "rowwise"}, 'takes no border="unknown"'),
+        ({"border": "unknown", "mode": "rowwise"}, "takes no border unknown"),
         ({"reference": 3}, "reference"),
         ({"images": [PLAIN]}, "2 to 64 frames"),
         ({"images": [PLAIN] * 2}, "each frame needs an exposure"),

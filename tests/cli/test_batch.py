@@ -17,15 +17,10 @@ from click.testing import Result
 from PIL import Image
 
 from rsdeblur.choices import VERDICTS
-from rsdeblur.cli._inputs import read_device
 from rsdeblur.cli._items import COLUMNS
-from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import SOME_FAILED
-from rsdeblur.cli._photo import PhotoJob
-from rsdeblur.cli.batch import _absolute, work
-from rsdeblur.errors import RsdeblurWarning
+from rsdeblur.cli.batch import work
 from rsdeblur.io import read_picture
-from rsdeblur.pipeline.options import Options
 from tests.installed import needs
 
 if TYPE_CHECKING:
@@ -99,18 +94,6 @@ def test_an_item_equals_the_result_of_deblur(run: Run, files: Files, manifest: P
     one = run("deblur", files.photo, *files.recording, *FAST[:-2], "-o", tmp_path / "one.png")
     assert one.exit_code == 0
     assert bits(tmp_path / "manifest-sharp" / "other.png") == bits(tmp_path / "one.png")
-
-
-@pytest.mark.usefixtures("here")
-def test_options_that_exclude_each_other_are_refused_before_any_item(
-    run: Run, files: Files, manifest: Path, tmp_path: Path
-) -> None:
-    result = run(
-        *("batch", manifest, *files.sources, "--fallback", "--geometry", "rectify", "-o", tmp_path / "out"),
-    )
-    assert result.exit_code == 2
-    assert "--fallback blends with the input, but --geometry rectify changes" in result.stderr
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("here")
@@ -222,17 +205,6 @@ def test_dry_run_writes_nothing(run: Run, files: Files, manifest: Path, tmp_path
     assert sorted(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.usefixtures("here")
-def test_dry_run_names_the_outputs_that_cannot_be_written(run: Run, files: Files, tmp_path: Path) -> None:
-    (tmp_path / "m.csv").write_text("photo,output,start,duration\nphoto.png,x.gif,0.2,0.04\n")
-    call = ("batch", tmp_path / "m.csv", *files.sources, "--dry-run", "-o")
-    assert "unknown picture extension '.gif'" in run(*call, tmp_path / "new").stderr
-    (file := tmp_path / "file").touch()
-    for folder in (file, file / "new"):
-        result = run(*call, folder)
-        assert (result.exit_code, "a file" in result.stderr) == (1, True)
-
-
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
@@ -240,7 +212,6 @@ def test_dry_run_names_the_outputs_that_cannot_be_written(run: Run, files: Files
         ("photo,foo\na.png,1", "line 1: unknown column 'foo'"),
         ("index\n1", "line 1: no column photo"),
         ("photo,start,Start\n", "line 1: the column start occurs 2 times"),
-        ("photo,readout,readout_time\n", "line 1: the column readout_time occurs 2 times"),
         ("photo\n", "nothing to do"),
         (b"photo\n\xff.png", "not UTF-8 text"),
     ],
@@ -272,29 +243,6 @@ def test_bad_rows(run: Run, files: Files, tmp_path: Path, row: str, message: str
     assert message in item["error"]
 
 
-@pytest.mark.usefixtures("here")
-def test_a_start_beside_an_index_replaces_that_of_the_shared_capture_file(
-    run: Run, files: Files, tmp_path: Path
-) -> None:
-    # pandas writes whole numbers so in a column that has gaps.
-    (tmp_path / "m.csv").write_text("photo,index,start\nphoto.png,0.0,0.2\n")
-    capture = "--capture", files.photo.parent / "frames.csv"
-    found = entries(run, tmp_path / "m.csv", *files.sources, *capture, "--dry-run", "-o", tmp_path / "out")
-    assert states(found) == "checked"
-
-
-@pytest.mark.usefixtures("here")
-def test_the_former_name_of_a_column_works(run: Run, files: Files, tmp_path: Path) -> None:
-    path = tmp_path / "m.csv"
-    path.write_text("photo,start,duration,readout,output\nphoto.png,0.2,0.04,20ms,a.png\n")
-    result = run("batch", path, *files.sources, *FAST, "-o", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    assert "m.csv, line 1: the column readout is now called readout_time" in result.stderr
-    one = run("deblur", files.photo, *files.recording, "--readout-time", "20ms", *FAST[:-2], "-o", tmp_path / "b.png")
-    assert one.exit_code == 0
-    assert bits(tmp_path / "out" / "a.png") == bits(tmp_path / "b.png")
-
-
 def test_the_help_names_every_column(run: Run) -> None:
     assert set(COLUMNS) <= set(re.findall(r"\w+", run("batch", "--help").stdout))
 
@@ -316,34 +264,6 @@ def test_nothing_is_written_outside_the_output_folder(run: Run, files: Files, tm
     assert all(path == out or out in path.parents for path in written)
     assert (out / "photo.png").is_file()
     assert (out / "sub" / "e.png").is_file()
-
-
-@pytest.mark.usefixtures("here")
-def test_two_items_may_not_write_one_file(run: Run, files: Files, tmp_path: Path) -> None:
-    path = tmp_path / "m.csv"
-    path.write_text("photo,start,duration\nphoto.png,0.2,0.04\nphoto.png,0.3,0.04\n")
-    first, second = entries(run, path, *files.sources, "-o", tmp_path / "out", code=SOME_FAILED)
-    assert first["state"] == "done"
-    assert "name another output" in second["error"]
-
-
-def test_a_log_is_read_once_unless_it_changes(files: Files) -> None:
-    recording = Recording(gyro=files.gyro, camera=files.camera)
-    log, _ = read_device(recording)
-    assert read_device(recording)[0] is log
-    samples = files.samples()
-    samples[5] = samples[4]
-    files.write_gyro(samples)
-    # The warning is repeated for every photo.
-    for _ in range(2):
-        with pytest.warns(RsdeblurWarning, match="1 repeated samples were dropped"):
-            assert len(read_device(recording)[0]) == len(log) - 1
-
-
-@pytest.mark.usefixtures("here")
-def test_no_log_named(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
-    found = entries(run, manifest, "--camera", files.camera, "-o", tmp_path / "out", code=SOME_FAILED)
-    assert "give it in the column gyro or with --gyro" in found[0]["error"]
 
 
 def test_a_killed_worker_is_replaced(processes: Processes, files: Files, tmp_path: Path) -> None:
@@ -391,20 +311,6 @@ def test_the_page_shows_every_photo_the_most_doubtful_first(
     assert str(tmp_path) not in re.sub(r"<figcaption>.*?</figcaption>", "", text)
 
 
-def test_jobs_for_a_cluster_have_absolute_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    job = _absolute(
-        PhotoJob(
-            photo=Path("photo.png"),
-            recording=Recording(gyro=Path("gyro.csv"), camera=Path("camera.toml")),
-            options=Options(),
-            output=Path("out/photo.png"),
-        )
-    )
-    assert (job.photo, job.output) == (tmp_path / "photo.png", tmp_path / "out" / "photo.png")
-    assert (job.recording.gyro, job.recording.camera) == (tmp_path / "gyro.csv", tmp_path / "camera.toml")
-
-
 def test_on_a_cluster(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
     distributed = needs("dask")
     with distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
@@ -439,52 +345,3 @@ def test_mars_session(run: Run, files: Files, tmp_path: Path) -> None:
     assert "neither a timestamp nor a frame number" in found[2]["error"]
     assert "there is no frame 7; the frames are 0 to 1" in found[4]["error"]
     assert (folder / "out" / "frames" / "frame0.png").is_file()
-
-
-@pytest.mark.usefixtures("here")
-def test_opencamera_session(run: Run, files: Files, tmp_path: Path) -> None:
-    folder = tmp_path / "20260101_120000"
-    folder.mkdir()
-    rows = "".join(f"{s[1]},{s[2]},{s[3]},{round(1e9 * s[0]) + 10**15}\n" for s in files.samples())
-    for sensor in ("gyro", "accel"):
-        (folder / f"VID_20260101_120000{sensor}.csv").write_text(rows)
-    timestamps = [10**15 + 200_000_000, 10**15 + 233_000_000]
-    (folder / "VID_20260101_120000_imu_timestamps.csv").write_text(
-        "".join(f"{timestamp}\n" for timestamp in timestamps)
-    )
-    (folder / "VID_20260101_120000_flash.csv").write_text(f"{timestamps[0]}\n")
-    # The second one is the result of `deblur` beside its photo.
-    for name in (f"{timestamps[0]}.png", f"{timestamps[0]}-sharp.png"):
-        shutil.copy(files.photo, folder / name)
-    shutil.copy(files.camera, folder / "camera.toml")
-    (item,) = entries(run, folder, "--duration", "40ms", "-o", tmp_path / "out")
-    one = run("deblur", files.photo, *files.recording, *FAST[:-2], "-o", tmp_path / "one.png")
-    assert one.exit_code == 0
-    assert bits(Path(item["output"])) == bits(tmp_path / "one.png")
-    # The folder does not contain the exposure time.
-    (item,) = entries(run, folder, "-o", tmp_path / "out2", code=SOME_FAILED)
-    assert "give the exposure time" in item["error"]
-
-
-@pytest.mark.usefixtures("here")
-def test_ambiguous_numbers_need_an_option(run: Run, files: Files, tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    folder.mkdir()
-    shutil.copy(files.gyro, folder / "gyro.csv")
-    shutil.copy(files.captures, folder / "frames.csv")
-    shutil.copy(files.photo, folder / "2.png")
-    call = (folder, "--camera", files.camera, "-o", tmp_path / "out")
-    (item,) = entries(run, *call, code=SOME_FAILED)
-    assert "give --numbered-from 0 or 1" in item["error"]
-    assert states(entries(run, *call, "--numbered-from", "1")) == "done"
-    for name, message in (("2.png", "no photo"), ("frames.csv", "no capture file"), ("gyro.csv", "no gyro log")):
-        (folder / name).unlink()
-        result = run("batch", *call)
-        assert result.exit_code == 1
-        assert message in result.stderr
-
-
-def test_several_photos_are_no_manifest(run: Run, tmp_path: Path) -> None:
-    result = run("batch", "a.png", "b.png", "-o", tmp_path / "out")
-    assert result.exit_code == 2
-    assert "2 files, but batch takes one manifest or folder; for photos by name: rsdeblur deblur" in result.stderr

@@ -5,18 +5,15 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-import tifffile
 from click.testing import Result
 from PIL import Image
 
-from rsdeblur.cli import demo
 from rsdeblur.estimate.time_offset import OffsetSearch
 from rsdeblur.io import read_picture
 from rsdeblur.psf import PsfBank
@@ -47,16 +44,6 @@ def test_deblur_writes_the_picture_and_one_line(run: Run, files: Files, tmp_path
         assert picture.size == (WIDTH, HEIGHT)
 
 
-def test_deblur_modes_and_captures_agree_with_explicit_times(run: Run, files: Files, tmp_path: Path) -> None:
-    by_time, by_timestamp, by_capture = (tmp_path / f"{name}.png" for name in "abc")
-    start_ns = round(START * 1e9)
-    common = ["deblur", files.photo, *files.sources, "--mode", "global"]
-    run(*common, "--start", START, "--duration", "1/25", "-o", by_time)
-    run(*common, "--start-ns", start_ns, "--duration", "40ms", "-o", by_timestamp)
-    run(*common, "--capture", files.captures, "--index", 0, "-o", by_capture)
-    assert bits(by_time) == bits(by_timestamp) == bits(by_capture)
-
-
 def test_overrides_reach_the_computation(run: Run, files: Files) -> None:
     common = ["psf", *files.sources, "--duration", DURATION, "--bands", 4, "--strips", 1, "--json"]
     plain = json.loads(run(*common, "--start", START).stdout)
@@ -65,22 +52,6 @@ def test_overrides_reach_the_computation(run: Run, files: Files) -> None:
     # A log and an exposure moved alike give the same paths, up to the rounding of times.
     assert moved["path_px"]["longest"] == pytest.approx(plain["path_px"]["longest"], rel=1e-6)
     assert still["path_px"]["longest"] != pytest.approx(plain["path_px"]["longest"], rel=1e-3)
-
-
-def test_a_log_without_timestamps_and_with_a_bias(run: Run, files: Files) -> None:
-    common = ["psf", *files.sources, "--start", START, "--duration", DURATION, "--bands", 4, "--strips", 1, "--json"]
-    plain = json.loads(run(*common).stdout)
-    rates = np.rad2deg(files.samples()[:, 1:]) + np.array([9.0, -4.5, 2.25])
-    files.gyro.write_text("".join(f"{x},{y},{z}\n" for x, y, z in rates))
-    reading = ["--rate", 200, "--unit", "deg/s", "--bias", "9,-4.5,2.25deg/s"]
-    again = json.loads(run(*common, *reading).stdout)
-    # The samples are written with six decimals.
-    assert again["path_px"]["longest"] == pytest.approx(plain["path_px"]["longest"], rel=1e-4)
-    result = run(*common)
-    assert result.exit_code == 1
-    assert "no timestamps; give the sampling rate" in result.stderr
-    assert run(*common, "--bias", "1,2").exit_code == 2
-    assert json.loads(run("info", files.gyro, "--rate", 200, "--unit", "deg/s", "--json").stdout)[0]["samples"] == 100
 
 
 def test_a_track_from_another_program(run: Run, files: Files, tmp_path: Path) -> None:
@@ -124,48 +95,6 @@ def test_info_shows_the_accelerometer_and_trajectories(run: Run, tmp_path: Path)
     assert (gyro["kind"], poses["kind"], poses["poses"]) == ("gyro log", "trajectory", 9)
     assert gyro["gravity_m_s2"] == pytest.approx(9.80665)
     assert poses["extent_m"] == pytest.approx([0.08, 0, 0])
-
-
-def test_deblur_json(run: Run, files: Files, tmp_path: Path) -> None:
-    result = run(
-        "deblur", files.photo, *files.recording, "--bands", 3, "--strips", 2, "--json", "-o", tmp_path / "o.png"
-    )
-    report = json.loads(result.stdout)
-    assert (report["mode"], report["bands"], report["strips"]) == ("banded", 3, 2)
-    assert report["seconds"] >= sum(report["timings"].values())
-
-
-def test_rowwise_with_its_options(run: Run, files: Files, tmp_path: Path) -> None:
-    common = ["deblur", files.photo, *files.recording, "--mode", "rowwise", "--strips", 2]
-    result = run(*common, "-o", tmp_path / "a.png")
-    assert f"rowwise, {HEIGHT} x 2 PSFs (rows x strips)" in result.stdout
-    assert run(*common, "--prior", "gradient", "-o", tmp_path / "b.png").exit_code == 0
-    assert bits(tmp_path / "a.png") != bits(tmp_path / "b.png")
-
-
-def test_exif_stays_with_the_picture(run: Run, files: Files, tmp_path: Path) -> None:
-    photo, out = tmp_path / "photo.jpg", tmp_path / "out.jpg"
-    exif = Image.Exif()
-    exif[0x010F] = "Maker"
-    with Image.open(files.photo) as picture:
-        picture.save(photo, exif=exif)
-    assert run("deblur", photo, *files.recording, "--mode", "global", "-o", out).exit_code == 0
-    with Image.open(out) as picture:
-        assert picture.getexif()[0x010F] == "Maker"
-
-
-@pytest.mark.parametrize("shape", [(HEIGHT, WIDTH), (HEIGHT, WIDTH, 4)])
-def test_floats_are_light_and_channels_stay(run: Run, files: Files, tmp_path: Path, shape: tuple[int, ...]) -> None:
-    photo = tmp_path / "photo.tif"
-    light = np.random.default_rng(1).uniform(0.2, 0.7, shape).astype(np.float32)
-    tifffile.imwrite(photo, light, photometric="rgb" if len(shape) == 3 else "minisblack")
-    out = tmp_path / "out"
-    result = run("compare", photo, *files.recording, "--truth", photo, "--mode", "banded", "-o", out)
-    assert result.exit_code == 0, result.stderr
-    assert run("deblur", photo, *files.recording, "--transfer", "linear", "-o", tmp_path / "o.tif").exit_code == 0
-    written = tifffile.imread(out / "banded.tif")
-    assert written.dtype == np.float32
-    np.testing.assert_array_equal(written, tifffile.imread(tmp_path / "o.tif"))
 
 
 def test_compare_writes_everything(run: Run, files: Files, tmp_path: Path) -> None:
@@ -244,14 +173,6 @@ def test_psf_takes_the_tiles_of_deblur(run: Run, files: Files, tmp_path: Path, n
     assert [kernels[name] for name in names] == [sharp[name] for name in names]
 
 
-@pytest.mark.parametrize("direction", ["top-down", "bottom-up", "left-right", "right-left"])
-def test_psf_path_lengths_for_any_readout(run: Run, files: Files, direction: str) -> None:
-    files.camera.write_text(files.camera.read_text().replace("top-down", direction))
-    report = json.loads(run("psf", *files.recording, "--json").stdout)
-    # About 0.04 s at some 1 rad/s and 110 px.
-    assert 0.5 < report["path_px"]["longest"] < 8.0
-
-
 def test_simulate_writes_three_pictures(run: Run, files: Files, tmp_path: Path) -> None:
     result = run("simulate", files.photo, *files.recording, "--noise", 0.01, "--bits", 16, "-o", tmp_path / "sim")
     assert result.exit_code == 0, result.stderr
@@ -312,23 +233,6 @@ def test_demo_runs_and_its_command_works(run: Run, tmp_path: Path, monkeypatch: 
     assert bits(out / "again.png") == bits(out / "banded.png")
 
 
-@pytest.mark.parametrize(
-    ("argument", "on_path", "words"),
-    [
-        ("/a/bin/rsdeblur", "/a/bin/rsdeblur", ["rsdeblur"]),
-        ("/a/bin/rsdeblur", "/b/bin/rsdeblur", ["/a/bin/rsdeblur"]),
-        (".venv/bin/rsdeblur", None, [".venv/bin/rsdeblur"]),
-        ("./rsdeblur", None, ["./rsdeblur"]),
-        ("/a/rsdeblur/__main__.py", "/a/bin/rsdeblur", [sys.executable, "-m", "rsdeblur"]),
-        ("/a/bin/pytest", None, ["rsdeblur"]),
-    ],
-)
-def test_the_command_of_the_demo_starts_the_same_program(monkeypatch, argument, on_path, words):
-    monkeypatch.setattr(sys, "argv", [argument])
-    monkeypatch.setattr("shutil.which", lambda name: on_path)
-    assert demo.program() == words
-
-
 def test_a_drift_moves_the_kernels(run: Run, files: Files) -> None:
     files.write_gyro(files.samples() * (1, 0, 0, 0))
     common = ["psf", *files.recording, "--bands", 4, "--strips", 1, "--json"]
@@ -381,15 +285,6 @@ def test_sync_of_several_photos(run, files, tmp_path, monkeypatch):
     assert "the 2 pictures do not determine the time offset: they disagree" in result.stderr
     assert json.loads(result.stdout)["best_s"] == 0.012
     assert run("sync", *names, *files.sources, "--start", "exif").exit_code == 2
-
-
-def test_deblur_normalizes(run, files, tmp_path):
-    plain, squeezed = tmp_path / "plain.png", tmp_path / "squeezed.png"
-    arguments = "deblur", files.photo, *files.recording, "--quality", "fast", "--nsr", 0.01
-    assert run(*arguments, "-o", plain).exit_code == 0
-    assert run(*arguments, "--normalize", "-o", squeezed).exit_code == 0
-    # A noise picture overshoots; squeezed, hardly anything is clipped to white.
-    assert (read_picture(squeezed).pixels == 255).mean() < (read_picture(plain).pixels == 255).mean()
 
 
 def test_several_photos(run: Run, files: Files, tmp_path: Path) -> None:

@@ -27,7 +27,6 @@ WIDTH, HEIGHT = 96, 72
     [
         (0, (), False),
         (3, (), True),
-        (3, ("--quality", "fast"), False),
         (3, ("--max-memory", "1GiB"), False),
         (3, ("--saturation", "ignore"), False),
         # 2.1 % are many, so they are left unless that is asked for.

@@ -14,9 +14,7 @@ from click.testing import Result
 from PIL import Image
 
 from rsdeblur import Correction, Exposure, read_camera, read_gyro
-from rsdeblur.cli._refinement import correction_text, refinement_facts
 from rsdeblur.estimate import Refinement
-from rsdeblur.io import pictures
 from rsdeblur.motion.axes import imu_to_camera
 
 if TYPE_CHECKING:
@@ -48,17 +46,6 @@ def test_recordings_are_refined_unless_that_is_slow_or_impossible(
     # Why a recording stays as it is interests who asked for more.
     assert ("it is right" in run(*call).stdout) == ("--refine" in options)
     assert ("it is right" in run(*call, "--verbose").stdout) == refined
-
-
-def test_only_changed_numbers_are_named(files: Files) -> None:
-    given = read_gyro(files.gyro), read_camera(files.camera), Exposure(0.2, 0.04), None
-    found = Refinement(*given, True, "", Correction(drift_y=-1.5, offset=2e-3), Correction(), 0.99, 40.0, 0.05)
-    text = correction_text(refinement_facts(found))
-    assert text == "Recording corrected: drift +0.0 and -1.5 px, time offset +2.0 ms."
-    text = correction_text(refinement_facts(replace(found, regions=np.array([[0.5, 1.0], [1.0, 2.0]]))))
-    assert "drift +0.0 and -1.5 px (x 0.5 to 2 by region), time" in text
-    text = correction_text(refinement_facts(replace(found, values=Correction(acceleration_x=80.4))))
-    assert text == "Recording corrected: acceleration +80 and +0 px/s²."
 
 
 @pytest.mark.parametrize(
@@ -118,33 +105,3 @@ def test_gravity_names_wrong_axes_which_are_not_refined(
     (entry,) = json.loads(run("info", *files.sources, "--capture", files.captures, "--json").stdout)
     angle = {"phone-portrait": 0, "phone-landscape": 90, "phone-landscape-reversed": -90}.get(preset)
     assert angle in (entry["exposures"][0]["gravity_deg"], None)
-
-
-def test_gravity_is_compared_without_reading_a_picture_twice_and_not_with_a_scene(
-    run: Run, files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    t, *rates = files.samples().T
-    table = np.column_stack([np.round(t * 1e9), *rates, np.broadcast_to([9.8, 0.0, 0.5], (len(t), 3))])
-    header = "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s], ax[m/s^2], ay[m/s^2], az[m/s^2]"
-    np.savetxt(files.gyro, table, ["%d", *["%.6f"] * 6], ", ", header=header, comments="")
-    replace(read_camera(files.camera), imu_to_camera=imu_to_camera("phone-portrait")).save(files.camera)
-    photo = tmp_path / "photo.tif"
-    with Image.open(files.photo) as picture:
-        picture.save(photo)
-    read, names = pictures.read_picture, []
-
-    def counted(path: Path, **options: bool) -> pictures.Picture:
-        names.append(path)
-        return read(path, **options)
-
-    # A second reading is one of the whole file, where --max-memory maps it.
-    monkeypatch.setattr(pictures, "read_picture", counted)
-    result = run("deblur", photo, *files.recording, "--max-memory", "1GiB", "-o", tmp_path / "sharp.tif")
-    assert "gravity points to the left of" in result.stderr
-    assert names == [photo]
-    # The camera of the recording did not take a scene.
-    result = run("simulate", photo, *files.recording, "-o", tmp_path / "simulated")
-    assert (result.exit_code, result.stderr) == (0, "")
-    shots = ["--capture", files.captures, "--frames", "0:2", "-o", tmp_path / "burst.tif"]
-    result = run("burst", photo, photo, *files.sources, *shots)
-    assert "gravity points to the left of" in result.stderr

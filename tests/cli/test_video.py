@@ -17,7 +17,7 @@ from click.testing import Result
 from numpy.typing import NDArray
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Camera, Correction, Exposure, GyroLog, simulate
+from rsdeblur import Camera, Correction, Exposure, simulate
 from rsdeblur.estimate import Refinement
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.simulation.scene import scene
@@ -53,7 +53,7 @@ class Movie(NamedTuple):
 
     def arguments(self, *more: object) -> list[object]:
         """Return the arguments of every call, and `more`."""
-        sources = ["--gyro", self.gyro, "--camera", self.camera, "--jobs", 2, "--crf", 4, "--all"]
+        sources = ["--gyro", self.gyro, "--camera", self.camera, "--jobs", 2, "--crf", 4, "--above", 0]
         return ["video", self.path, *sources, *more]
 
     @property
@@ -226,89 +226,6 @@ def test_frames_beyond_the_log_are_kept(run: Run, movie: Movie, tmp_path: Path) 
     assert "does not cover the exposure" in result.stderr
 
 
-def test_horizontal_readout_is_the_turned_problem(movie: Movie) -> None:
-    from rsdeblur.io import read_gyro
-    from rsdeblur.pipeline.options import Options
-    from rsdeblur.pipeline.plan import plan
-    from rsdeblur.video.clip import open_clip
-    from rsdeblur.video.plan import plan_clip
-
-    log, clip = read_gyro(movie.gyro), open_clip(movie.path)
-    # Mostly about x, so that kernels are much taller than wide.
-    log = GyroLog(log.t, log.omega * (3.0, 0.3, 1.0))
-    camera = Camera(WIDTH, HEIGHT, 1.1 * WIDTH, readout_time=0.02, readout_direction="right-left")
-    exposures = [Exposure(START + t, DURATION) for t in clip.times]
-    options = Options(prior="wiener", bands=6, strips=2, nsr=0.02, saturation="ignore", threads=1)
-    shared = plan_clip(clip, log, camera, exposures, options, above=0.0)
-    assert shared.reasons == (None,) * FRAMES
-    # Upright: bands run along the readout.
-    assert shared.tiles == (6, 2)
-    sizes = [shared.frame(index).prepare(np.zeros((HEIGHT, WIDTH, 3))).bank.size for index in range(FRAMES)]
-    # The bank is upright, the size that of the frames as stored; the few paths of the plan miss some pixels.
-    np.testing.assert_allclose(shared.psf_size, np.max(sizes, axis=0)[::-1], atol=2)
-    values = np.random.default_rng(0).integers(0, 65536, (HEIGHT, WIDTH, 3)).astype(np.uint16)
-    for index, exposure in enumerate(exposures[:3]):
-        frame = shared.frame(index).apply(values).image
-        np.testing.assert_array_equal(frame, plan(log, camera, exposure, options).apply(values).image)
-
-
-def test_borders_that_photos_take_work_for_videos(run: Run, movie: Movie, tmp_path: Path) -> None:
-    out = tmp_path / "out.mp4"
-    result = run(*movie.arguments(*movie.stamped, *STRENGTHS, "--border", "periodic", "-o", out))
-    assert result.exit_code == 0, result.stderr
-    assert out.is_file()
-
-
-@pytest.mark.parametrize(
-    ("rate", "method", "chroma"),
-    [
-        (2.0, (), "half"),
-        (2.0, ("--chroma", "full"), "full"),
-        (2.0, ("--mode", "rowwise", "--prior", "tv"), "full"),  # has no half colours
-        (0.1, (), "full"),  # kernels below 7 px
-    ],
-)
-def test_the_facts_contain_the_resolution_of_the_colours(
-    run: Run, movie: Movie, tmp_path: Path, rate: float, method: tuple[str, ...], chroma: str
-) -> None:
-    """A steady turn by 2 rad/s draws paths of 8 px."""
-    turn = tmp_path / "turn.csv"
-    np.savetxt(turn, np.column_stack([np.arange(0, 1, 0.005), np.full((200, 3), rate)]), "%.6f", ",")
-    turned = movie._replace(gyro=turn)
-    result = run(
-        *turned.arguments(*movie.stamped, *STRENGTHS, *method, "--dry-run", "--json", "-o", tmp_path / "o.mp4")
-    )
-    assert json.loads(result.stdout)["chroma"] == chroma
-
-
-def test_a_clip_is_planned_with_the_documented_defaults(movie: Movie, monkeypatch: pytest.MonkeyPatch) -> None:
-    from rsdeblur.errors import InputError
-    from rsdeblur.io import read_camera, read_gyro
-    from rsdeblur.pipeline.options import Options
-    from rsdeblur.pipeline.plan import Plan
-    from rsdeblur.video.clip import open_clip
-    from rsdeblur.video.plan import plan_clip
-
-    clip = open_clip(movie.path)
-    inputs = (
-        clip,
-        read_gyro(movie.gyro),
-        read_camera(movie.camera),
-        [Exposure(START + t, DURATION) for t in clip.times],
-    )
-    shared = plan_clip(*inputs)
-    assert (shared.options.prior_in_effect, shared.options.transfer) == ("wiener", "srgb")
-    assert shared.strengths.weight is None
-    refused = {"normalize": True}, {"saturation": "always"}, {"fallback": True}, {"max_memory": 1}
-    for options in (Options(**each) for each in refused):
-        with pytest.raises(InputError, match=r"would make a video flicker|is for single pictures"):
-            plan_clip(*inputs, options)
-    assert shared.check is not None
-    # Without the check, planning deblurs nothing.
-    monkeypatch.setattr(Plan, "apply", None)
-    assert plan_clip(*inputs, Options(quality="fast", check=False)).check is None
-
-
 def test_an_interrupted_video_leaves_nothing(processes: Processes, movie: Movie, tmp_path: Path) -> None:
     arguments = movie.arguments(*movie.stamped, "-o", tmp_path / "out.mp4")
     with processes.started(*arguments) as process:
@@ -358,16 +275,6 @@ def test_frames_together_correct_the_recording(
     assert plain["refinement"] is None
 
 
-def test_dry_run_of_a_log_that_covers_some_frames(run: Run, movie: Movie, tmp_path: Path) -> None:
-    rows = movie.gyro.read_text().splitlines()
-    short = tmp_path / "short.csv"
-    short.write_text("\n".join(row for row in rows if row[0] == "t" or float(row.split(",")[0]) < START + 0.15))
-    out = tmp_path / "out.mov"
-    result = run(*movie.arguments(*movie.stamped, "--gyro", short, "--dry-run", "-o", out))
-    assert result.exit_code == 0, result.stderr
-    assert not out.exists()
-
-
 def test_dry_run_writes_nothing(run: Run, movie: Movie, tmp_path: Path) -> None:
     result = run(*movie.arguments(*movie.stamped, "--dry-run", "-o", tmp_path / "out.mov"))
     assert result.exit_code == 0
@@ -394,11 +301,3 @@ def test_refusals(
     assert result.exit_code == code
     assert message in " ".join(result.stderr.split())
     assert not list(tmp_path.iterdir())
-
-
-def test_no_video(run: Run, movie: Movie, tmp_path: Path) -> None:
-    path = tmp_path / "a.mp4"
-    path.write_bytes(b"no video at all" * 100)
-    result = run(*movie._replace(path=path).arguments("--duration", "0.01", "-o", tmp_path / "b.mp4"))
-    assert result.exit_code == 1
-    assert f"{path}: cannot read the video" in result.stderr

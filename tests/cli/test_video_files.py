@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -25,10 +24,7 @@ from tests.installed import needs
 av = needs("video")
 
 from rsdeblur.video.clip import frames, open_clip  # noqa: E402 (needs PyAV)
-from rsdeblur.video.encode import Encoding  # noqa: E402
 from rsdeblur.video.pixels import BITS, WEIGHTS, frame_of, kept_frame, matrix_of, values_of  # noqa: E402
-from rsdeblur.video.plan import _more_blurred, plan_clip  # noqa: E402
-from rsdeblur.video.times import exposures_from_captures, exposures_from_timestamps  # noqa: E402
 
 Run = Callable[..., Result]
 
@@ -58,7 +54,7 @@ def recording(tmp_path: Path) -> list[object]:
     np.savetxt(tmp_path / "gyro.csv", rates, "%.6f", ",", header="t,wx,wy,wz", comments="")
     Camera(WIDTH, HEIGHT, 70.0, readout_time=0.01).save(tmp_path / "camera.toml")
     files = ["--gyro", tmp_path / "gyro.csv", "--camera", tmp_path / "camera.toml"]
-    return [*files, "--start", 0.1, "--duration", "1/60", "--nsr", 0.01, "--jobs", 2, "--all"]
+    return [*files, "--start", 0.1, "--duration", "1/60", "--nsr", 0.01, "--jobs", 2, "--above", 0]
 
 
 @pytest.fixture
@@ -110,10 +106,6 @@ def test_encoders_of_no_use_are_refused_before_the_work(
     run: Run, clip: Path, recording: list[object], tmp_path: Path, codec: str, message: str
 ) -> None:
     refused(run("video", clip, *recording, "--codec", codec, "-o", tmp_path / "x.mov"), clip, message, "ffv1")
-
-
-def test_uncompressed_video_stays_lossless(clip: Path) -> None:
-    assert Encoding.like(replace(open_clip(clip), codec="rawvideo")).codec == "ffv1"
 
 
 def planes(frame: Any) -> list[NDArray[Any]]:
@@ -170,26 +162,6 @@ def test_colours_that_cannot_be_converted_are_named() -> None:
         values_of(frame)
 
 
-def test_functions_take_names_and_check_their_arguments(clip: Path, tmp_path: Path) -> None:
-    opened = open_clip(clip)
-    (tmp_path / "frames.csv").write_text("Timestamp[nanosec]\n" + "".join(f"{10**9 * n}\n" for n in range(1, 9)))
-    with pytest.warns(rsdeblur.RsdeblurWarning, match="differ by up to"):
-        exposures = exposures_from_captures(opened, str(tmp_path / "frames.csv"), duration=0.01)
-    assert [each.epoch_ns for each in exposures] == [10**9 * n for n in range(1, 9)]
-    assert exposures_from_timestamps(opened, np.float32(0.5))[0].duration == 0.5
-    log, camera = rsdeblur.hand_shake(0.5), Camera(WIDTH, HEIGHT, 70.0)
-    with pytest.raises(InputError, match="8 frames, 7 exposures"):
-        plan_clip(opened, log, camera, exposures[1:])
-    for path in (None, 1, b"clip.mp4"):
-        with pytest.raises(InputError, match="path must be the path of a file, got"):
-            open_clip(path)
-
-
-@pytest.mark.parametrize(("lengths", "chosen"), [([3], [0]), ([3, 9], [0, 1]), ([5, 1, 7, 2], [0, 2])])
-def test_the_more_blurred_half_is_at_least_two_frames(lengths: list[int], chosen: list[int]) -> None:
-    assert _more_blurred(np.column_stack([np.arange(len(lengths)), lengths]).astype(float)).tolist() == chosen
-
-
 def test_names_are_no_addresses(
     run: Run, clip: Path, recording: list[object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -223,13 +195,7 @@ NO_VIDEOS: dict[str, tuple[Callable[[Path], object], str]] = {
     "m3u8": (playlist, "not a video in a container that is read"),
     "concat": (lambda path: path.write_text("ffconcat version 1.0\nfile clip.mp4\n"), "not a video in a container"),
     "jpeg": (picture("JPEG"), "a picture, not a video; use rsdeblur deblur"),
-    "gif": (picture("GIF"), "not a video in a container that is read"),
-    "apng": (
-        picture("PNG", save_all=True, append_images=[Image.new("RGB", (WIDTH, HEIGHT), "red")]),
-        "not a video in a container that is read",
-    ),
     "pipe": (os.mkfifo, "it is a pipe or a device"),
-    "folder": (os.mkdir, "it is a folder"),
     "empty": (Path.touch, "cannot read the video"),
 }
 

@@ -154,7 +154,7 @@ def test_own_kernels_have_full_colours_and_paths_may_have_half(capture):
 @pytest.mark.parametrize("options", [{"mode": "rowwise"}, {"prior": "wavelet"}, {"border": "unknown"}], ids=str)
 def test_where_colours_are_full(options):
     assert Options(**options).chroma_in_effect == "full"
-    with pytest.raises(InputError, match='chroma="half" goes with mode'):
+    with pytest.raises(InputError, match="half colours go with the modes"):
         Options(chroma="half", **options)
 
 

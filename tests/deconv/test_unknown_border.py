@@ -142,8 +142,8 @@ def test_a_motion_blends_borders() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"prior": "wiener"}, 'prior="wiener" takes no border="unknown"'),
-        ({"mode": "rowwise"}, 'mode="rowwise" takes no border="unknown"'),
+        ({"prior": "wiener"}, "the prior wiener takes no border unknown"),
+        ({"mode": "rowwise"}, "the mode rowwise takes no border unknown"),
         ({"max_memory": 10**9}, "needs the whole picture at once"),
     ],
 )

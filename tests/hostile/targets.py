@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur.cli._describe import (
+from rsdeblur.cli.info import (
     describe_camera,
     describe_captures,
     describe_gyro,

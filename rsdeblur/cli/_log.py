@@ -1,0 +1,192 @@
+"""The gyro log that options name, and the direction of gravity in it, which shows wrong axes of the camera."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from rsdeblur.errors import RsdeblurError, RsdeblurWarning
+
+if TYPE_CHECKING:
+    from rsdeblur.cli._options import Recording
+    from rsdeblur.io.samples import GyroFile
+    from rsdeblur.motion.acceleration import AccelerationLog
+    from rsdeblur.motion.camera import Camera
+    from rsdeblur.motion.exposure import Exposure
+
+FileState = tuple[int, ...] | None
+
+# Angle (rad) from which gravity does not point to the bottom of a picture, and that from which it points to its top.
+ASIDE, TOP = math.radians(50), math.radians(130)
+# Formats whose accelerometers show the same sign on all devices. Raw values of iOS have the opposite one, which looks
+# like a picture upside down.
+ONE_SIGN = "mars", "deepgyro"
+# Where the bottom of the viewed picture is in the stored one, for each orientation in EXIF that does not mirror: angle
+# (rad) from its bottom towards its right.
+BOTTOMS = {1: 0.0, 3: math.pi, 6: math.pi / 2, 8: -math.pi / 2}
+# Number of frames of a clip, spread over it, whose mean direction counts: a camera in motion tilts and turns.
+CLIP_FRAMES = 16
+
+
+def file_state(path: Path) -> FileState:
+    """Return numbers that change when a file does; None if there is no such file, which its reader reports."""
+    try:
+        facts = path.stat()
+    except (OSError, ValueError):
+        return None
+    return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
+
+
+def read_log(recording: Recording) -> GyroFile:
+    """Read the log that the options name, without its bias, and show its warnings.
+
+    The last log is kept: a long one takes longer than deblurring a photo.
+    """
+    file, messages = known_log(recording)
+    for message in messages:
+        warnings.warn(message, RsdeblurWarning, stacklevel=2)
+    return file if recording.bias is None else replace(file, log=file.log.minus_bias(recording.bias))
+
+
+def known_log(recording: Recording) -> tuple[GyroFile, list[str]]:
+    """Return the log with its bias, and the warnings of its reader."""
+    reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate
+    return _gyro_file(recording.gyro, file_state(recording.gyro), *reading)
+
+
+@lru_cache(maxsize=1)
+def _gyro_file(
+    path: Path, _: FileState, format: str | None, unit: str | None, orientation: str | None, rate: float | None
+) -> tuple[GyroFile, list[str]]:
+    from rsdeblur.io import open_gyro
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RsdeblurWarning)
+        file = open_gyro(path, format, unit=unit, orientation=orientation, rate=rate)
+    return file, [str(warning.message) for warning in caught]
+
+
+def accelerometer(path: Path) -> AccelerationLog | None:
+    """Return the accelerometer's samples in a gyro log; None if there are none that can be read."""
+    return _acceleration(path, file_state(path))
+
+
+@lru_cache(maxsize=1)
+def _acceleration(path: Path, _: FileState) -> AccelerationLog | None:
+    from rsdeblur.io import read_acceleration
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RsdeblurWarning)
+        try:
+            return read_acceleration(path)
+        except RsdeblurError:
+            return None
+
+
+def warn_of_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
+    """Warn if the camera file contradicts the axes of the log, where those are known."""
+    import numpy as np
+
+    from rsdeblur.motion.axes import imu_to_camera
+
+    problems = []
+    if file.axes == "phone" and camera.readout_time == 0:
+        problems.append(
+            f"the readout time is 0, as of a global shutter, but {recording.gyro} is the log of a phone, whose shutter "
+            "rolls; give --readout-time"
+        )
+    given = None
+    if np.array_equal(camera.imu_to_camera, np.eye(3)):
+        given = "the identity"
+    elif file.axes == "gyroflow" and np.array_equal(camera.imu_to_camera, imu_to_camera("phone-portrait")):
+        given = "that of a phone's axes"
+    if given is not None and file.axes != "sensor":
+        expected = "phone-portrait or phone-landscape" if file.axes == "phone" else "gyroflow"
+        problems.append(
+            f"imu_to_camera is {given}, but {recording.gyro} is in {file.axes} axes; it should be {expected}"
+        )
+    for problem in problems:
+        warnings.warn(f"{recording.camera}: {problem}", RsdeblurWarning, stacklevel=2)
+
+
+def bottom_of_photo(exif: bytes | None) -> float | None:
+    """Return where the bottom of the viewed picture is in the stored one, see `BOTTOMS`; None if it is unknown."""
+    from rsdeblur.io.exif import Exif
+
+    return BOTTOMS.get(Exif(exif).orientation)
+
+
+def bottom_of_clip(matrix: tuple[int, ...] | None) -> float | None:
+    """Return the same for the frames of a video with a display matrix, without which viewers do not turn it."""
+    if matrix is None:
+        return 0.0
+    (a, b), (c, d) = matrix[:2], matrix[3:5]
+    return math.atan2(b, d) if a * d - b * c > 0 else None
+
+
+def some_frames(exposures: Sequence[Exposure]) -> Sequence[Exposure]:
+    """Return the exposures of some frames of a clip, for `gravity_of`."""
+    return exposures[:: -(-len(exposures) // CLIP_FRAMES)]
+
+
+class Gravity(NamedTuple):
+    """Direction of gravity: whether it points to the bottom of the picture, and what is wrong if it points elsewhere.
+
+    Both are empty where the direction is unknown.
+    """
+
+    confirms: bool = False
+    problem: str | None = None
+
+    def warn(self) -> None:
+        """Show what is wrong."""
+        if self.problem is not None:
+            warnings.warn(self.problem, RsdeblurWarning, stacklevel=3)
+
+
+def gravity_of(
+    picture: Path, bottom: float | None, recording: Recording, camera: Camera, exposures: Sequence[Exposure]
+) -> Gravity:
+    """Return where the log's accelerometer sees gravity in a picture, or on average in frames of a video.
+
+    `bottom` is where the bottom of the viewed picture is in the stored one, rad.
+    """
+    # Other axes than those of the file are the user's, and the accelerometer is read in those of the file.
+    log = None if bottom is None or recording.orientation else accelerometer(recording.gyro)
+    if log is None or bottom is None:
+        return Gravity()
+    angle = _turn(log, camera, exposures, bottom)
+    if angle is None or abs(angle) < ASIDE:
+        return Gravity(confirms=angle is not None)
+    file, _ = known_log(recording)
+    if abs(angle) > TOP and file.format not in ONE_SIGN:
+        return Gravity()
+    side = "top" if abs(angle) > TOP else "right" if angle > 0 else "left"
+    fits = _presets(log, file.axes, camera, exposures, bottom)
+    return Gravity(
+        problem=f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {picture}: if the picture "
+        f"is viewed upright, imu_to_camera in {recording.camera} is wrong" + (f" ({fits} fits)" if fits else "")
+    )
+
+
+def _turn(log: AccelerationLog, camera: Camera, exposures: Sequence[Exposure], bottom: float) -> float | None:
+    """Return the mean angle from the bottom of the viewed picture to gravity, from -pi to pi; None if it is unknown."""
+    angles = [angle for each in exposures if (angle := log.gravity_angle(camera, each)) is not None]
+    if not angles:
+        return None
+    return math.remainder(math.atan2(sum(map(math.sin, angles)), sum(map(math.cos, angles))) - bottom, math.tau)
+
+
+def _presets(log: AccelerationLog, axes: str, camera: Camera, exposures: Sequence[Exposure], bottom: float) -> str:
+    """Return the presets of a log in `axes` with which gravity points to the bottom of the picture."""
+    from rsdeblur.motion.axes import PRESETS, imu_to_camera
+
+    names = [name for name in PRESETS if axes == "sensor" or name.startswith(axes)]
+    cameras = (replace(camera, imu_to_camera=imu_to_camera(name)) for name in names)
+    turns = [_turn(log, each, exposures, bottom) for each in cameras]
+    return " or ".join(name for name, turn in zip(names, turns, strict=True) if turn is not None and abs(turn) < ASIDE)
