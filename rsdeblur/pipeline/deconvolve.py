@@ -9,19 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.choices import (
-    EXPONENT,
-    Auto,
-    Border,
-    Boundary,
-    Mode,
-    Planning,
-    Prior,
-    Quality,
-    Saturation,
-    Strength,
-    Transfer,
-)
+from rsdeblur.choices import Mode
 from rsdeblur.errors import InputError
 from rsdeblur.image.encoded import EncodedImage, result_like
 from rsdeblur.pipeline.options import Options
@@ -30,28 +18,22 @@ from rsdeblur.pipeline.solver import PictureSolver, chroma_of
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import derive_strengths, solve_chunks, split_highlights
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import Denoiser, Progress
+from rsdeblur.types import Progress
+
+# Options that describe a motion, or how its picture is solved.
+OF_MOTIONS = (
+    *("mode", "bands", "strips", "solver", "chroma", "geometry", "motion"),
+    *("translation", "softness", "refine", "check", "fallback"),
+)
 
 
 def deconvolve(
     image: ArrayLike,
     psf: ArrayLike | PsfBank,
     *,
-    quality: Quality = "balanced",
-    prior: Prior | Denoiser | None = None,
-    weight: Strength = "auto",
-    exponent: float = EXPONENT,
-    nsr: Strength = "auto",
-    noise: Strength = "auto",
-    border: Border | Boundary | Auto = "auto",
-    transfer: Transfer | Auto = "auto",
-    normalize: bool = False,
-    saturation: Saturation = "auto",
-    planning: Planning = "estimate",
-    threads: int | None = None,
-    max_memory: int | None = None,
     out: NDArray[Any] | None = None,
     progress: Progress | None = None,
+    **options: Any,
 ) -> DeblurResult:
     """Remove a known blur from a picture.
 
@@ -65,13 +47,13 @@ def deconvolve(
     psf : array_like, shape (kh, kw) or (B, S, kh, kw), or PsfBank
         The PSF, or PSFs that are exact at the centres of B x S equal tiles, or PSFs at given places. Sizes are odd, and
         each PSF sums to 1; see :class:`rsdeblur.PsfBank` for the orientation.
-    quality, prior, weight, exponent, nsr, noise
+    out, progress
         See :func:`rsdeblur.deblur`.
-    border : {"auto", "blend", "periodic", "unknown"}
-        See :func:`rsdeblur.deblur`. "auto" is "unknown", but "blend" with ``prior="wiener"`` or `max_memory`. With
-        "periodic", the automatic strengths take it that the picture was blurred so.
-    transfer, normalize, saturation, planning, threads, max_memory, out, progress
-        See :func:`rsdeblur.deblur`.
+    **options
+        `quality`, `prior`, `weight`, `exponent`, `nsr`, `noise`, `border`, `transfer`, `normalize`, `saturation`,
+        `planning`, `threads` and `max_memory` of :class:`rsdeblur.Options`. A border of "auto" is "unknown", but
+        "blend" with ``prior="wiener"`` or `max_memory`. With "periodic", the automatic strengths take it that the
+        picture was blurred so.
 
     Returns
     -------
@@ -91,24 +73,10 @@ def deconvolve(
     >>> rsdeblur.deconvolve(image, kernel, prior="hyper-laplacian", noise=0.01).image.shape
     (64, 64)
     """
-    options = Options(
-        quality=quality,
-        mode="banded",
-        prior=prior,
-        weight=weight,
-        exponent=exponent,
-        nsr=nsr,
-        noise=noise,
-        border=border,
-        transfer=transfer,
-        normalize=normalize,
-        saturation=saturation,
-        check=False,
-        planning=planning,
-        threads=threads,
-        max_memory=max_memory,
-    )
-    return deconvolve_with(options, image, psf, out=out, progress=progress)
+    for name in OF_MOTIONS:
+        if name in options:
+            raise InputError(f"deconvolve takes no {name}: it has no motion", argument=name)
+    return deconvolve_with(Options(mode="banded", check=False, **options), image, psf, out=out, progress=progress)
 
 
 def deconvolve_with(

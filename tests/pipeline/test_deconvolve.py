@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import inspect
-from dataclasses import fields
-
 import numpy as np
 import pytest
 from scipy import ndimage
 
-from rsdeblur import Camera, Exposure, InputError, Options, PsfBank, deblur, deconvolve, simulate
+from rsdeblur import Camera, Exposure, InputError, PsfBank, deblur, deconvolve, simulate
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 from tests.installed import PRIORS
@@ -47,12 +44,10 @@ def test_kernels_with_negative_values_have_strengths(pictures) -> None:
     assert np.isfinite(deconvolve(pictures[1], sharpening).image).all()
 
 
-def test_the_keywords_are_options_with_the_same_defaults() -> None:
-    parameters = inspect.signature(deconvolve).parameters.values()
-    keywords = {each.name: each.default for each in parameters if each.kind is each.KEYWORD_ONLY}
-    own = {name: default for name, default in keywords.items() if name not in ("out", "progress")}
-    defaults = {field.name: field.default for field in fields(Options)} | {"check": False}
-    assert own == {name: defaults[name] for name in own}
+@pytest.mark.parametrize("name", ["mode", "bands", "refine"])
+def test_options_of_a_motion_are_refused(name: str) -> None:
+    with pytest.raises(InputError, match=name):
+        deconvolve(np.zeros((40, 50)), KERNEL, **{name: None})
 
 
 @pytest.mark.parametrize("prior", PRIORS)
