@@ -24,10 +24,10 @@ from benchmarks import data
 from benchmarks.data import noted
 from benchmarks.tables import markdown, report
 from rsdeblur import Camera, Exposure, GyroLog, Translation, hand_shake, simulate_clip
+from rsdeblur.calibration import Calibration
+from rsdeblur.calibration.clip import calibrate_matches
+from rsdeblur.calibration.matches import ClipMatches, match_clip
 from rsdeblur.choices import READOUT_DIRECTIONS
-from rsdeblur.estimate import Calibration
-from rsdeblur.estimate.calibrate import calibrate_matches
-from rsdeblur.estimate.clip_matches import ClipMatches, match_clip
 from rsdeblur.motion.axes import letters, mountings
 from rsdeblur.types import FloatArray
 

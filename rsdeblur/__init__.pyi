@@ -1,5 +1,7 @@
-from . import deconv, errors, estimate, io, motion, pipeline, plot, report, simulation
+from . import calibration, deconv, errors, estimate, io, motion, pipeline, plot, report, simulation
 from .burst.burst import deblur_burst as deblur_burst
+from .calibration.clip import calibrate as calibrate
+from .calibration.photos import calibrate_photos as calibrate_photos
 from .config import show_config as show_config
 from .deconv.wiener import Deconvolver as Deconvolver
 from .errors import CoverageError as CoverageError
@@ -8,8 +10,6 @@ from .errors import InputError as InputError
 from .errors import OutputError as OutputError
 from .errors import RsdeblurError as RsdeblurError
 from .errors import RsdeblurWarning as RsdeblurWarning
-from .estimate.calibrate import calibrate as calibrate
-from .estimate.calibrate_photos import calibrate_photos as calibrate_photos
 from .estimate.correction import Correction as Correction
 from .estimate.correction import Uncertainty as Uncertainty
 from .estimate.refine import refine as refine

@@ -134,7 +134,9 @@ def test_import_is_light(tmp_path):
 
 
 def test_public_names_resolve():
-    packages = [getattr(rsdeblur, name) for name in ("motion", "deconv", "estimate", "pipeline", "simulation")]
+    packages = [
+        getattr(rsdeblur, name) for name in ("motion", "deconv", "estimate", "calibration", "pipeline", "simulation")
+    ]
     for package in (rsdeblur, *packages):
         for name in package.__all__:
             assert getattr(package, name) is not None

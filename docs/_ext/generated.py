@@ -24,8 +24,8 @@ from rsdeblur.cli import main
 
 # Modules for users, beside the names of `rsdeblur` itself, in the order of the package's ladder.
 MODULES = (
-    "errors", "motion", "motion.axes", "motion.rectify", "deconv", "deconv.priors", "estimate", "simulation",
-    "pipeline", "io", "report", "plot",
+    "errors", "motion", "motion.axes", "motion.rectify", "deconv", "deconv.priors", "estimate", "calibration",
+    "simulation", "pipeline", "io", "report", "plot",
     "video.clip", "video.times", "video.plan", "video.encode",
 )  # fmt: skip
 

@@ -21,8 +21,7 @@ from rsdeblur.errors import FileFormatError, InputError, RsdeblurError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rsdeblur.estimate.calibrate import Calibration
-    from rsdeblur.estimate.calibrate_photos import PhotoCalibration
+    from rsdeblur.calibration import Calibration
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
     from rsdeblur.motion.gyro import GyroLog
@@ -97,8 +96,8 @@ def command(
     A value that the pictures do not determine is assumed: it keeps its start value. Exit code 1 means that the fit is
     not trustworthy; then no file is written.
     """
-    from rsdeblur.estimate.calibrate import calibrate
-    from rsdeblur.estimate.calibrate_photos import calibrate_photos
+    from rsdeblur.calibration.clip import calibrate
+    from rsdeblur.calibration.photos import calibrate_photos
 
     check_camera_file(target.output, force=target.force)
     name = sources[0]
@@ -107,7 +106,6 @@ def command(
         is_clip = _is_clip(film)
         usual = SEARCH if is_clip else PHOTO_SEARCH
         search = usual[0] if first is None else first, usual[1] if last is None else last
-        result: Calibration | PhotoCalibration
         if is_clip:
             result = calibrate(film.pictures, film.exposures, film.logs[0], film.start, search=search, progress=move)
         else:
@@ -128,8 +126,8 @@ def command(
 
 def _is_clip(film: Photos) -> bool:
     """Return whether enough neighbouring pictures, of one log, are so near in time that they show the same things."""
-    from rsdeblur.estimate.calibrate import LEAST_PAIRS
-    from rsdeblur.estimate.clip_matches import LONGEST_STEP
+    from rsdeblur.calibration.clip import LEAST_PAIRS
+    from rsdeblur.calibration.matches import LONGEST_STEP
 
     # Timestamps of 64 bits are exact as integers only.
     epoch_ns = film.exposures[0].epoch_ns
@@ -153,7 +151,7 @@ def _film(sources: Sequence[Path], recording: Recording, numbered_from: int | No
     if not others:
         pictures, exposures, size = _photos(sources, recording, numbered_from)
     else:
-        from rsdeblur.estimate.calibrate import LEAST_PAIRS
+        from rsdeblur.calibration.clip import LEAST_PAIRS
         from rsdeblur.video.clip import frames, open_clip
         from rsdeblur.video.pixels import values_of
 
@@ -232,7 +230,7 @@ def _start(path: Path | None, source: Path, size: tuple[int, int]) -> Camera:
         return Camera(*size, GUESSED_FOCAL * max(size))
 
 
-def _facts(result: Calibration | PhotoCalibration, output: Path) -> dict[str, Any]:
+def _facts(result: Calibration, output: Path) -> dict[str, Any]:
     values = {
         name: {"value": each.value, "sd": each.sd, "unit": each.unit, "determined": each.determined}
         for name, each in result.values.items()
@@ -249,27 +247,14 @@ def _facts(result: Calibration | PhotoCalibration, output: Path) -> dict[str, An
     }
 
 
-def _grounds(result: Calibration | PhotoCalibration) -> dict[str, Any]:
+def _grounds(result: Calibration) -> dict[str, Any]:
     """Return what the result rests on."""
-    from rsdeblur.estimate.calibrate import Calibration
-
-    if isinstance(result, Calibration):
-        return {"explained": result.explained, "pairs": result.pairs, "matches": result.matches}
-    return {"photos": result.photos}
+    if result.photos:
+        return {"photos": result.photos}
+    return {"explained": result.explained, "pairs": result.pairs, "matches": result.matches}
 
 
-def _is_directed(result: Calibration | PhotoCalibration) -> bool:
-    """Return whether the pictures determine the direction of the readout."""
-    from rsdeblur.estimate.calibrate import SIGNIFICANT, Calibration
-
-    if not isinstance(result, Calibration):
-        return result.directed
-    # A global shutter has a readout time of 0, and no direction.
-    readout = result.values["readout_time"]
-    return readout.sd is not None and readout.value > SIGNIFICANT * readout.sd
-
-
-def _print(result: Calibration | PhotoCalibration) -> None:
+def _print(result: Calibration) -> None:
     rows = [["axes", result.mounting, f"confidence {result.confidence:.2f}", "determined"]]
     for name, each in result.values.items():
         factor, unit, digits = UNITS[each.unit]
@@ -278,7 +263,7 @@ def _print(result: Calibration | PhotoCalibration) -> None:
             [name.replace("_", " "), f"{factor * each.value:.{digits}f} {unit}", deviation, STATES[each.determined]]
         )
         if name == "readout_time":
-            rows.append(["readout direction", result.camera.readout_direction, "", STATES[_is_directed(result)]])
+            rows.append(["readout direction", result.camera.readout_direction, "", STATES[result.directed]])
     print_table(("", "value", "deviation", ""), rows)
     grounds = _grounds(result)
     if "photos" in grounds:

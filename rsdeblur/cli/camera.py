@@ -190,7 +190,7 @@ def measure_readout(
     Take one photo of an evenly lit wall, or better several of one scene from a fixed place, at 1/200 s or shorter: a
     lamp on the mains flickers at twice the mains frequency. Exit code 1 means that there are no clear bands.
     """
-    from rsdeblur.estimate.flicker import measure_flicker
+    from rsdeblur.calibration.flicker import measure_flicker
     from rsdeblur.io.pictures import read_picture
 
     pictures = [read_picture(photo) for photo in photos]

@@ -14,7 +14,7 @@ from click.testing import Result
 from numpy.typing import NDArray
 
 from rsdeblur import Camera, Exposure, GyroLog, hand_shake, scene, simulate_clip, write_picture
-from rsdeblur.estimate import Estimate, PhotoCalibration
+from rsdeblur.calibration import Calibration, Estimate
 from tests.installed import needs
 
 Run = Callable[..., Result]
@@ -124,9 +124,9 @@ def given(monkeypatch) -> list[Given]:
             "focal_length": Estimate(200.0, None, "px"),
             "readout_time": Estimate(0.02, None, "s"),
         }
-        return PhotoCalibration(True, "", TRUTH, 0.99, len(exposures), "XYZ", False, values)
+        return Calibration(True, "", TRUTH, confidence=0.99, mounting="XYZ", values=values, photos=len(exposures))
 
-    monkeypatch.setattr("rsdeblur.estimate.calibrate_photos.calibrate_photos", found)
+    monkeypatch.setattr("rsdeblur.calibration.photos.calibrate_photos", found)
     return calls
 
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, GyroLog, hand_shake
-from rsdeblur.estimate.calibrate import calibrate_matches
-from rsdeblur.estimate.clip_fit import PairErrors, fit_clip
-from rsdeblur.estimate.clip_matches import ClipMatches
-from rsdeblur.estimate.clip_motion import ClipModel, MeanOrientation, Parameters
+from rsdeblur.calibration.clip import calibrate_matches
+from rsdeblur.calibration.fit import ClipModel, MeanOrientation, PairErrors, Parameters, fit_clip
+from rsdeblur.calibration.matches import ClipMatches
 from rsdeblur.motion.axes import imu_to_camera
 from rsdeblur.motion.track import OrientationTrack
 
@@ -73,7 +72,7 @@ def test_whitened_errors_are_independent():
     solved = np.linalg.inv(np.eye(4 * pairs) - chain.reshape(4 * pairs, 4 * pairs))
     shared = solved @ np.diag(1 - errors.correlation.ravel() ** 2) @ solved.T
     modes = np.zeros((values, pairs, 4))
-    modes[np.arange(values), errors.pairs[:values]] = (errors.modes * np.sqrt(errors.spread)).reshape(values, 4)
+    modes[np.arange(values), np.repeat(matches.pair, 2)] = (errors.modes * np.sqrt(errors.spread)).reshape(values, 4)
     moved = modes.reshape(values, -1)
     covariance = np.diag(np.repeat(errors.noise**2 / errors.weights, 2)) + moved @ shared @ moved.T
     white = errors.whiten(np.eye(values).reshape(-1, 2, values))

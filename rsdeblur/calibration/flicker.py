@@ -25,12 +25,8 @@ STRIPS = 16
 FEWEST, MOST, STEP = 1.5, 40.0, 0.02
 # Least share of the bands' power that the strips have in common, and least share of all changes that bands explain.
 COHERENT, EXPLAINED = 0.9, 0.5
-# Degree of the polynomial that the shading of a wall may have, in the logarithm of the light.
-DEGREE = 2
 # Smallest side of a picture in px.
 SMALLEST = 64
-# Darkest light that counts, so that its logarithm does not diverge.
-DARKEST = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,18 +106,17 @@ def measure_flicker(
 def _profiles(image: ArrayLike, horizontal: bool, transfer: Transfer | Auto) -> FloatArray:
     """Return the logarithm of the light along the readout in each strip, without shading, shape (strips, n)."""
     light = EncodedImage.of(image, transfer).grey(slice(None))
-    if horizontal:
-        light = light.T
+    light = light.T if horizontal else light
     if min(light.shape) < SMALLEST:
         raise InputError(f"a picture for measuring the flicker must have sides of at least {SMALLEST} px")
     strips = np.array([part.mean(axis=1) for part in np.array_split(light, STRIPS, axis=1)], dtype=np.float64)
-    profiles = np.log(np.maximum(strips, DARKEST))
-    return _without_shading(profiles)
+    # Darker light does not count, so that its logarithm does not diverge.
+    return _without_shading(np.log(np.maximum(strips, 0.01)))
 
 
 def _without_shading(profiles: FloatArray) -> FloatArray:
-    """Return profiles without their slow change, the best polynomial along the last axis."""
-    shading, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1, 1, profiles.shape[-1]), DEGREE))
+    """Return profiles without the shading of a wall, the best parabola along the last axis."""
+    shading, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, profiles.shape[-1]), 3))
     residual: FloatArray = profiles - (profiles @ shading) @ shading.T
     return residual
 
@@ -135,7 +130,6 @@ def _explained(stack: FloatArray, count: float) -> tuple[float, float]:
     # The shading has been removed from the profiles, so it is removed from the waves too.
     waves, _ = np.linalg.qr(_without_shading(np.stack([np.cos(phase), np.sin(phase)])).T)
     mean = stack.mean(axis=1)
-    common = float(((mean @ waves) ** 2).sum())
-    each = float(((stack @ waves) ** 2).sum()) / stack.shape[1]
+    common, each = (float(((part @ waves) ** 2).sum()) for part in (mean, stack))
     tiny = np.finfo(np.float64).tiny
-    return common / (float((mean**2).sum()) + tiny), common / (each + tiny)
+    return common / (float((mean**2).sum()) + tiny), common / (each / stack.shape[1] + tiny)

@@ -9,9 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rsdeblur import Camera, Exposure, GyroLog, InputError, calibrate, hand_shake, scene, simulate_clip
+from rsdeblur.calibration.matches import ReducedFrame, match, match_clip
 from rsdeblur.errors import ClockError
-from rsdeblur.estimate.clip_matches import match_clip
-from rsdeblur.estimate.registration import ReducedFrame, match
 from rsdeblur.motion.axes import imu_to_camera, letters, mountings
 
 FRAMES, RATE = 16, 30

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, calibrate_photos, hand_shake, scene, simulate
-from rsdeblur.estimate.calibrate_photos import _decided, _without
+from rsdeblur.calibration.photos import _decided, _without
 from rsdeblur.motion.axes import imu_to_camera
 
 WIDTH, HEIGHT, FOCAL = 240, 192, 300.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rsdeblur.calibration.flicker import measure_flicker
 from rsdeblur.errors import InputError
-from rsdeblur.estimate.flicker import measure_flicker
 
 HEIGHT, WIDTH = 160, 128
 EXPOSURE = 0.004

@@ -1,0 +1,360 @@
+"""Calibration of camera, clock and IMU from a clip: the motion between its frames against the gyro log.
+
+Karpenko et al. (2011), Jia and Evans (2014), and Forssen and Ringaby (2010) calibrate in this way. Here the search of
+clock and mounting comes first, so no start values are needed, and the errors that all points of two frames share have
+a variance of their own, so translation of the camera widens the deviations instead of hiding in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from rsdeblur._util import validate
+from rsdeblur.calibration.fit import ClipFit, ClipModel, MeanOrientation, Parameters, fit_clip
+from rsdeblur.calibration.matches import LONGEST_STEP, ClipMatches, match_clip
+from rsdeblur.calibration.mounting import candidates, ranked
+from rsdeblur.calibration.result import CONFIDENT, Calibration, Estimate, left_handed, mounting_name
+from rsdeblur.choices import ReadoutDirection
+from rsdeblur.errors import ClockError, InputError
+from rsdeblur.motion.arguments import exposure_list
+from rsdeblur.motion.camera import TIMESTAMP_SHARES, Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.types import FloatArray, Progress
+
+# Least number of pairs of frames.
+LEAST_PAIRS = 8
+# Mountings with an offset that are fitted before the best of them is chosen, and matches of a pair that suffice for it.
+CANDIDATES, FEW = 8, 20
+# Margin of the log around a pair, s, within which the offset may move in the fit.
+MARGIN = 0.05
+# Least share of the motion that the log explains.
+LEAST_EXPLAINED = 0.5
+# A group of parameters counts as determined below this standard deviation of each (s, rad and their ratios); otherwise
+# it keeps its start value. Of the readout time, this share will do as well.
+LIMITS = {
+    ("offset",): 3e-3,
+    ("down", "across"): 1e-3,
+    ("focal",): 0.03,
+    ("turn_x", "turn_y", "turn_z"): 0.0175,
+    ("bias_x", "bias_y", "bias_z"): 0.01,
+    ("drift",): 2e-5,
+}
+READOUT_SHARE = 0.1
+OFFSET, READOUT, FOCAL, TURN, BIAS, DRIFT = LIMITS
+# Directions of the readout by its axis and sign.
+DIRECTIONS: dict[tuple[str, bool], ReadoutDirection] = {
+    ("down", True): "top-down",
+    ("down", False): "bottom-up",
+    ("across", True): "left-right",
+    ("across", False): "right-left",
+}
+# A readout time or a turn nearer to zero than this many standard deviations is zero.
+SIGNIFICANT = 3.0
+
+
+def calibrate(
+    frames: Iterable[ArrayLike],
+    exposures: Sequence[Exposure],
+    log: GyroLog,
+    camera: Camera,
+    *,
+    search: tuple[float, float] = (-1.0, 1.0),
+    progress: Progress | None = None,
+) -> Calibration:
+    """Calibrate a camera from the frames of a clip, sharp or blurred, and the gyro log.
+
+    Clock offset, mounting, readout time and direction, focal length, gyro bias and clock drift follow from the motion
+    between neighbouring frames. A few seconds of a textured, mostly distant and still scene suffice, if the camera
+    turns about all of its axes.
+
+    Parameters
+    ----------
+    frames : iterable of array_like, shape (H, W) or (H, W, C)
+        The frames in the order of time, as for :func:`rsdeblur.deblur`. They are taken one by one. Neighbours more than
+        0.6 s apart are not compared, so a long clip may be given as several short runs.
+    exposures : sequence of Exposure
+        Time of each frame.
+    log : GyroLog
+        Motion of the camera.
+    camera : Camera
+        Start values. Size, lens distortion, principal point and `timestamp_marks` are kept as they are; the focal
+        length may be wrong by a factor of 1.5, and mounting, readout and `time_offset` need not be known.
+    search : (float, float)
+        First and last offset relative to `camera.time_offset`, s.
+    progress : callable, optional
+        Called as ``progress(stage, fraction)``.
+
+    Returns
+    -------
+    Calibration
+        Camera and log for :func:`rsdeblur.deblur`, each number with its standard deviation.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, a frame does not have the camera's size, or there is not one exposure for each
+        frame.
+    ClockError
+        If the log covers no frame under any offset of the search.
+
+    Notes
+    -----
+    A point at x in a frame is predicted at `K C(t2) C(t1)^T K^-1 x` in the next one, where
+    `t = start + readout row / H - offset` for the row in which each frame shows it, and C is the orientation from the
+    log, averaged over the exposure. The offset and the 48 mountings are compared by the rotation between frames first;
+    the best are refined by robust least squares over all points.
+
+    References
+    ----------
+    .. [1] A. Karpenko, D. Jacobs, J. Baek and M. Levoy, "Digital video stabilization and rolling shutter correction
+       using gyroscopes", Stanford CSTR 2011-03 (2011).
+    .. [2] C. Jia and B. L. Evans, "Online camera-gyroscope autocalibration for cell phones", IEEE Trans. Image
+       Processing 23 (2014) 5070-5081.
+    .. [3] P.-E. Forssen and E. Ringaby, "Rectifying rolling shutter video from hand-held devices", CVPR (2010).
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> found = rsdeblur.calibrate(frames, exposures, log, rsdeblur.Camera(640, 480, 500.0))  # doctest: +SKIP
+    >>> found.camera.save("camera.toml")  # doctest: +SKIP
+    """
+    validate.instance("log", log, GyroLog)
+    validate.instance("camera", camera, Camera)
+    exposures = exposure_list(exposures)
+    first, last = validate.real_array("search", search, (2,)).tolist()
+    validate.callback("progress", progress)
+    if last <= first:
+        raise InputError(f"search must run from a smaller to a larger offset, got {first:g} to {last:g}")
+    matches = match_clip(frames, exposures, camera, progress)
+    epoch_ns = exposures[0].epoch_ns if exposures else 0
+    around = (first + camera.time_offset, last + camera.time_offset)
+    return calibrate_matches(matches, epoch_ns, log, camera, around, progress)
+
+
+def calibrate_matches(
+    matches: ClipMatches,
+    epoch_ns: int,
+    log: GyroLog,
+    camera: Camera,
+    search: tuple[float, float],
+    progress: Progress | None = None,
+) -> Calibration:
+    """Calibrate from the matches of a clip.
+
+    Parameters
+    ----------
+    matches : ClipMatches
+        The matches, see :func:`rsdeblur.calibration.matches.match_clip`.
+    epoch_ns : int
+        Origin of their times, ns.
+    log, camera, search, progress
+        See :func:`calibrate`.
+    """
+    pairs = len(matches.opens)
+    nothing = Calibration(False, "", camera, log, pairs=pairs, matches=len(matches.pair))
+    if pairs < LEAST_PAIRS:
+        reason = (
+            f"only {pairs} pairs of neighbouring frames show the same things; {LEAST_PAIRS} are needed, at most "
+            f"{LONGEST_STEP:g} s apart"
+        )
+        return replace(nothing, reason=reason)
+    return _Clip(matches, epoch_ns, log, nothing, search, progress or (lambda *_: None)).calibration()
+
+
+class _Clip:
+    """The matches with the log on one clock, and the steps from the search to the final fit."""
+
+    def __init__(
+        self,
+        matches: ClipMatches,
+        epoch_ns: int,
+        log: GyroLog,
+        nothing: Calibration,
+        search: tuple[float, float],
+        progress: Progress,
+    ) -> None:
+        self._matches, self._log, self._nothing, self._search, self._progress = matches, log, nothing, search, progress
+        self._camera, self._shift = nothing.camera, 1e-9 * (log.epoch_ns - epoch_ns)
+        first = float(matches.opens.min()) - search[1] - self._shift
+        last = float((matches.opens + matches.durations).max()) - search[0] - self._shift
+        if last < log.t[0] or first > log.t[-1]:
+            raise ClockError(
+                f"the gyro log and the clip are on unrelated clocks: the log spans {log.t[0]:.3f} s to "
+                f"{log.t[-1]:.3f} s, the clip with all offsets of the search {first:.3f} s to {last:.3f} s (from "
+                f"{log.epoch_ns} ns on); give the start of the clip on the log's clock, or widen the search"
+            )
+        cut = log.trimmed(first - MARGIN, last + MARGIN)
+        self._t, self._omega = cut.t + self._shift, cut.omega
+        self._gaps = cut.gaps() + self._shift
+        self._tracks = {sign: MeanOrientation(self._t, sign * self._omega) for sign in (1, -1)}
+
+    def _model(self, matches: ClipMatches, mounting: FloatArray) -> ClipModel:
+        sign = round(float(np.linalg.det(mounting)))
+        return ClipModel(matches, self._camera, self._tracks[sign], mounting)
+
+    def _covered(self, offset: float) -> NDArray[np.bool_]:
+        """Return the pairs during which the log has samples, shape (pairs,)."""
+        start = self._matches.opens[:, 0] - offset - MARGIN
+        end = self._matches.opens[:, 1] + self._matches.durations[:, 1] - offset + MARGIN
+        covered: NDArray[np.bool_] = (start >= self._t[0]) & (end <= self._t[-1])
+        for before, after in self._gaps:
+            covered &= (end < before) | (start > after)
+        return covered
+
+    def calibration(self) -> Calibration:
+        """Search, fit and judge."""
+        tried = candidates(self._matches, self._camera, (self._t, self._omega), self._search, CANDIDATES)
+        pairs = [int(self._covered(each.offset).sum()) for each in tried]
+        tried = [each for each, count in zip(tried, pairs, strict=True) if count >= LEAST_PAIRS]
+        if not tried:
+            reason = f"the log covers only {max(pairs)} pairs of frames; {LEAST_PAIRS} are needed"
+            return replace(self._nothing, reason=reason)
+        free = (*OFFSET, *READOUT, *FOCAL, *BIAS)
+        few, fits = self._matches.thinned(FEW), []
+        for i, (mounting, offset) in enumerate(tried):
+            self._progress("search", i / len(tried))
+            start = self._start()._replace(offset=offset)
+            fits.append(fit_clip(self._model(few, mounting), start, free, self._covered(offset), rounds=2))
+        best, rival, confidence = ranked(tried, fits, few)
+        mounting, begin = tried[best].mounting, fits[best].parameters
+        explained = _explained(few, fits[best], self._covered(begin.offset))
+        name = mounting_name(mounting)
+        reason = ""
+        if explained < LEAST_EXPLAINED:
+            reason = (
+                f"the log explains only {max(explained, 0):.0%} of the motion between frames: it belongs to "
+                "another clip, the video is stabilised, the scene is near or moves, or the offset is outside the search"
+            )
+        elif confidence < CONFIDENT:
+            reason = (
+                f"the clip does not decide between the axes {name} and {mounting_name(tried[rival].mounting)}, the "
+                f"latter with a time offset {1e3 * (fits[rival].parameters.offset - begin.offset):+.0f} ms away; turn "
+                "the camera about all three axes, unevenly"
+            )
+        elif np.linalg.det(mounting) < 0:
+            reason = left_handed(name)
+        found = replace(self._nothing, reason=reason, confidence=confidence, explained=explained, mounting=name)
+        return found if reason else self._fitted(found, mounting, begin)
+
+    def _start(self) -> Parameters:
+        """Return the start values but for the offset, which the search finds."""
+        camera = self._camera
+        (axis, forward), *_ = (key for key, direction in DIRECTIONS.items() if direction == camera.readout_direction)
+        return Parameters(**{axis: camera.readout_time if forward else -camera.readout_time})
+
+    def _fitted(self, found: Calibration, mounting: FloatArray, begin: Parameters) -> Calibration:
+        """Return the calibration by a fit of all parameters, refused if that is not trustworthy."""
+        covered = self._covered(begin.offset)
+        fit = self._fit(mounting, begin, covered)
+        p = fit.parameters
+        camera, values, directed = self._values(fit)
+        zoom = float(np.exp(p.focal))
+        reason = ""
+        if _excess(fit, OFFSET) > 1.0:
+            reason = "the motion is too small or too even for the clock offset; turn the camera to and fro"
+        elif not 0.5 < zoom < 2.0:
+            reason = f"the focal length would be {zoom:.2f} times the start value; give a better start value"
+        found = replace(
+            found,
+            reason=reason,
+            explained=_explained(self._matches, fit, covered),
+            directed=directed,
+            pairs=int(fit.used.sum()),
+            values=values,
+        )
+        if reason:
+            return found
+        log = self._log
+        # camera = gyro + offset + drift (camera - middle); the log's clock is changed so that drift is 0.
+        middle = 0.5 * float(self._matches.opens.min() + self._matches.opens.max()) - self._shift - p.offset
+        log = GyroLog(log.t + p.drift * (log.t - middle), log.omega - (p.bias_x, p.bias_y, p.bias_z), log.epoch_ns)
+        camera = replace(camera, imu_to_camera=_turned(mounting, fit))
+        return replace(found, accepted=True, camera=camera, log=log)
+
+    def _fit(self, mounting: FloatArray, begin: Parameters, covered: NDArray[np.bool_]) -> ClipFit:
+        """Fit all parameters, and fix those again that the clip does not determine."""
+        model, start = self._model(self._matches, mounting), self._start()
+        free = tuple(name for names in LIMITS for name in names)
+        fit = fit_clip(model, begin, free, covered)
+        p = fit.parameters
+        # Rows are read along one axis.
+        other = "across" if abs(p.down) / fit.sd(down=1) > abs(p.across) / fit.sd(across=1) else "down"
+        fixed = {other: 0.0}
+        while True:
+            free = tuple(name for name in free if name not in fixed)
+            fit = fit_clip(model, fit.parameters._replace(**fixed), free, covered, rounds=3)
+            excess = {names: _excess(fit, names) for names in LIMITS if set(names) & set(free)}
+            worst = max(excess, key=lambda names: excess[names])
+            self._progress("fit", 1.0 - len(excess) / (len(LIMITS) + 1))
+            # The offset is the last to be given up: without it, nothing else counts.
+            if excess[worst] <= 1.0 or worst == OFFSET:
+                return fit
+            fixed = {name: getattr(start, name) for name in worst}
+
+    def _values(self, fit: ClipFit) -> tuple[Camera, dict[str, Estimate], bool]:
+        """Return the calibrated camera but for its mounting, the numbers, and whether the readout has a direction."""
+        p, camera = fit.parameters, self._camera
+
+        def value(number: float, unit: str, **slopes: float) -> Estimate:
+            sd = fit.sd(**slopes) if set(slopes) & set(fit.free) else np.nan
+            # A number on which no match depends has no deviation.
+            return Estimate(number, sd if np.isfinite(sd) else None, unit)
+
+        signed, axis = (p.across, "across") if p.across else (p.down, "down")
+        lines = camera.width if axis == "across" else camera.height
+        # The fit's offset is that of the middle row; a timestamp marks another one.
+        late = (0.5 - TIMESTAMP_SHARES[camera.timestamp_marks]) * (lines - 1) / lines
+        offset = p.offset + late * abs(signed)
+        zoom = float(np.exp(p.focal))
+        fx, fy = (zoom * focal for focal in camera.focal_length)
+        readout = value(abs(signed), "s", **{axis: 1.0})
+        directed = readout.sd is not None and readout.value > SIGNIFICANT * readout.sd
+        values = {
+            "time_offset": value(offset, "s", offset=1.0, **{axis: late * float(np.sign(signed))}),
+            "focal_length": value(fx, "px", focal=fx),
+            "readout_time": readout,
+            **{name: value(getattr(p, name), "rad", **{name: 1.0}) for name in TURN},
+            **{name: value(getattr(p, name), "rad/s", **{name: 1.0}) for name in BIAS},
+            "clock_drift": value(p.drift, "s/s", drift=1.0),
+        }
+        direction = DIRECTIONS[axis, signed > 0] if directed else camera.readout_direction
+        calibrated = replace(
+            camera,
+            focal_length=(fx, fy),
+            readout_time=readout.value,
+            readout_direction=direction,
+            time_offset=offset,
+        )
+        return calibrated, values, directed
+
+
+def _explained(matches: ClipMatches, fit: ClipFit, pairs: NDArray[np.bool_]) -> float:
+    """Return the share of the energy of the motion of typical points in `pairs` that a fit explains."""
+    points = pairs[matches.pair]
+    left, whole = (
+        np.median((each[points] ** 2).sum(axis=1)) for each in (fit.residuals, matches.moved - matches.points)
+    )
+    return 1.0 - float(left / max(whole, 1e-12))
+
+
+def _turned(mounting: FloatArray, fit: ClipFit) -> FloatArray:
+    """Return the mounting with the small turn, if that is significant."""
+    turn = [getattr(fit.parameters, name) for name in TURN]
+    if not any(abs(angle) > SIGNIFICANT * fit.sd(**{name: 1.0}) for name, angle in zip(TURN, turn, strict=True)):
+        return mounting
+    turned: FloatArray = Rotation.from_rotvec(turn).as_matrix() @ mounting
+    return turned
+
+
+def _excess(fit: ClipFit, names: tuple[str, ...]) -> float:
+    """Return the largest standard deviation of a group over its limit."""
+    limit = LIMITS[names]
+    if names == READOUT:
+        limit = max(limit, READOUT_SHARE * abs(fit.parameters.down + fit.parameters.across))
+    return max(fit.sd(**{name: 1.0}) for name in names) / limit

@@ -1,0 +1,323 @@
+"""Fit of a clip's parameters: where the gyro log moves the points of one frame in the next, against the matches.
+
+A point on row y of a frame is exposed around `middle + readout (y - (H-1)/2) / H`, so matches on different rows test
+different stretches of the log. A blurred point is seen near the mean of its path, so orientations are averaged over the
+exposure.
+
+The residual of a point is the sum of its own error and of four errors of its pair: a shift along x and y, a zoom and a
+roll. The latter come from the camera's translation past things at one depth and from the gyro's noise, and are the same
+for all points of a pair; a fit without them would believe in far too small deviations. Translation changes slowly, so
+neighbouring pairs have nearly the same shared errors: each of the four is an autoregressive process of first order.
+Shake that is faster than it then counts more. Variances and correlations are estimated from the residuals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.optimize import least_squares
+from scipy.sparse.linalg import splu
+from scipy.spatial.transform import Rotation
+
+from rsdeblur.calibration.matches import ClipMatches
+from rsdeblur.motion import lens
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.track import OrientationTrack
+from rsdeblur.types import FloatArray
+
+# s. Orientations are tabulated at this interval, and averaged over at least two of them.
+TABLE_STEP = 5e-4
+# A path is brightest where the camera is slow, and fine texture follows its brightest part. So the mean weights each
+# moment by the rate of turn, and this much, rad/s, to this power. Without the weights, focal lengths came out up to 1 %
+# too long (docs/developer/decisions.md).
+LEAST_RATE, RATE_POWER = 0.1, -0.2
+
+
+class MeanOrientation:
+    """Orientations of the IMU, averaged over exposures as a tracker sees blurred points; from right-handed rates."""
+
+    def __init__(self, t: FloatArray, omega: FloatArray) -> None:
+        track = OrientationTrack.integrated(t, omega)
+        self._origin = float(t[0])
+        times = np.arange(t[0], t[-1], TABLE_STEP)
+        quaternions = Rotation.from_matrix(track.at(times)).as_quat()
+        # q and -q are one rotation; neighbours must have the same sign for a mean.
+        flips = np.sign(np.einsum("ij,ij->i", quaternions[1:], quaternions[:-1]))
+        quaternions[1:] *= np.cumprod(flips)[:, None]
+        rates = np.linalg.norm([np.interp(times, t, rate) for rate in omega.T], axis=0)
+        # The scale of a quaternion does not matter, so the sum of the weights need not be known.
+        quaternions *= ((rates + LEAST_RATE) ** RATE_POWER)[:, None]
+        self._integral = np.concatenate([np.zeros((1, 4)), np.cumsum(quaternions, axis=0)])
+
+    def at(self, opens: FloatArray, durations: FloatArray) -> Rotation:
+        """Return the mean rotations of exposures, IMU-from-world; times beyond the log are moved to its ends."""
+        durations = np.maximum(durations, 2 * TABLE_STEP)
+        # The mean over [opens, opens + duration] is that over a box, whose ends the integral interpolates.
+        return Rotation.from_quat(self._at(opens + durations) - self._at(opens))
+
+    def _at(self, times: FloatArray) -> FloatArray:
+        # Sample k covers the interval around its time.
+        place = (times - self._origin) / TABLE_STEP + 0.5
+        i = np.clip(place.astype(int), 0, len(self._integral) - 2)
+        fraction = (place - i)[:, None]
+        values: FloatArray = (1.0 - fraction) * self._integral[i] + fraction * self._integral[i + 1]
+        return values
+
+
+class Parameters(NamedTuple):
+    """Unknowns of a clip."""
+
+    # Camera time minus gyro time in the middle row, s.
+    offset: float = 0.0
+    # Readout time along y and along x, s; negative from bottom to top and from right to left.
+    down: float = 0.0
+    across: float = 0.0
+    # Logarithm of the focal length over that of the start.
+    focal: float = 0.0
+    # Small rotation after the mounting, rad, camera axes.
+    turn_x: float = 0.0
+    turn_y: float = 0.0
+    turn_z: float = 0.0
+    # Rates that the gyro shows at rest, rad/s, IMU axes.
+    bias_x: float = 0.0
+    bias_y: float = 0.0
+    bias_z: float = 0.0
+    # Increase of the offset per second.
+    drift: float = 0.0
+
+
+# Steps of numerical derivatives: each moves a point by about a thousandth of a pixel or more.
+STEPS = Parameters(1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-6)
+
+
+class ClipModel:
+    """Prediction of the matches of a clip from the gyro's orientations.
+
+    Parameters
+    ----------
+    matches, camera
+        The matches; the start values of focal length and lens.
+    track : MeanOrientation
+        Orientations of the IMU. For a log with left-handed axes, those of the negative rates.
+    mounting : ndarray, shape (3, 3)
+        Orthogonal matrix from IMU axes to camera axes.
+    """
+
+    def __init__(self, matches: ClipMatches, camera: Camera, track: MeanOrientation, mounting: FloatArray) -> None:
+        self.matches, self._camera, self._track, self._mounting = matches, camera, track, mounting
+        ends = matches.points, matches.moved
+        self._ends = [(points - camera.principal_point) / camera.focal_length for points in ends]
+        size = np.array([camera.width, camera.height], dtype=np.float64)
+        # Reading order relative to the middle, in readout times.
+        self._order = [(points - (size - 1) / 2) / size for points in ends]
+        self._middle = 0.5 * float(matches.opens.min() + matches.opens.max())
+
+    def residuals(self, parameters: Parameters) -> FloatArray:
+        """Return predicted minus measured positions in the second frames, px, shape (n, 2)."""
+        p, matches, lens_model = parameters, self.matches, (self._camera.distortion_model, self._camera.distortion)
+        zoom = np.exp(p.focal)
+        mounting = Rotation.from_rotvec([p.turn_x, p.turn_y, p.turn_z]).as_matrix() @ self._mounting
+        times, orientations = [], []
+        for end, order in enumerate(self._order):
+            time = matches.opens[matches.pair, end] + order @ (p.across, p.down)
+            times.append(time - p.offset - p.drift * (time - self._middle))
+            orientations.append(self._track.at(times[-1], matches.durations[matches.pair, end]))
+        # Half of the bias' turn before and half after: its axis changes with the camera's orientation.
+        half = 0.5 * (times[1] - times[0])[:, None] * (p.bias_x, p.bias_y, p.bias_z) * np.linalg.det(self._mounting)
+        rays = lens.rays(self._ends[0] / zoom, *lens_model) @ mounting
+        rays = orientations[0].apply(rays + np.cross(half, rays), inverse=True)
+        rays = orientations[1].apply(rays)
+        rays = (rays + np.cross(half, rays)) @ mounting.T
+        predicted = lens.project(rays, *lens_model) * zoom
+        residuals: FloatArray = (predicted - self._ends[1]) * self._camera.focal_length
+        # Directions outside the lens model are as wrong as the frame is large.
+        return np.nan_to_num(residuals, nan=float(self._camera.width))
+
+    def jacobian(self, parameters: Parameters, free: tuple[str, ...]) -> FloatArray:
+        """Return derivatives of the residuals by the `free` parameters in units of `STEPS`, shape (n, 2, free)."""
+        here = self.residuals(parameters)
+        moved = [
+            self.residuals(parameters._replace(**{name: getattr(parameters, name) + getattr(STEPS, name)}))
+            for name in free
+        ]
+        return np.stack([there - here for there in moved], axis=-1)
+
+
+# Points are weighted down from about this many standard deviations (Cauchy, 95 % efficient for Gaussian errors), and
+# pairs are left out whose shared errors exceed this many.
+CAUCHY, OUTLYING = 2.385, 6.0
+# Least standard deviation of a point, px: no tracker is better.
+LEAST_NOISE = 0.02
+# Deviation of a Gaussian variable over the median of its absolute values.
+MAD = 1.4826
+# Windows on one thing err alike in all frames that show it, and so do neighbouring windows. Over 24 simulated clips,
+# errors of the parameters were 1.5 to 2.2 times the deviations of a fit that takes them as independent.
+TEXTURE = 2.0
+# Largest correlation of the shared errors of neighbouring pairs, and pairs over which others last, about 0.1 s.
+MOST_CORRELATION, LAG = 0.99, 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClipFit:
+    """All parameters, names and covariance of the free ones, residuals in px (n, 2), and the pairs not left out."""
+
+    parameters: Parameters
+    free: tuple[str, ...]
+    covariance: FloatArray
+    residuals: FloatArray
+    used: NDArray[np.bool_]
+
+    def sd(self, **slopes: float) -> float:
+        """Return the standard deviation of a sum of parameters times `slopes`; those that are not free count as 0."""
+        weights = np.array([slopes.get(name, 0.0) for name in self.free])
+        return float(np.sqrt(weights @ self.covariance @ weights))
+
+
+class PairErrors:
+    """Weights of the points and shared errors of the pairs, estimated from residuals.
+
+    Parameters
+    ----------
+    model : ClipModel
+        The matches.
+    residuals : ndarray, shape (n, 2)
+        Predicted minus measured positions, px.
+    keep : ndarray of bool, shape (pairs,)
+        Pairs that may be used.
+
+    Attributes
+    ----------
+    noise, weights : float and ndarray, shape (n,)
+        Standard deviation of a point, px, and its weight: the variance of a point is noise^2 / weight.
+    modes : ndarray, shape (n, 2, 4)
+        Displacements of all points by a unit of each error that a pair shares.
+    spread, correlation : ndarray, shapes (4,) and (pairs, 4)
+        Variances of the shared errors, and their correlations with those of the pair before; 0 for the first.
+    used : ndarray of bool, shape (pairs,)
+        Pairs that were not left out.
+    """
+
+    def __init__(self, model: ClipModel, residuals: FloatArray, keep: NDArray[np.bool_]) -> None:
+        self._matches, self.modes = model.matches, _modes(model.matches.moved)
+        pair, own = model.matches.pair, residuals
+        for _ in range(3):
+            self.noise = max(MAD * float(np.median(np.abs(own))), LEAST_NOISE)
+            self.weights = 1.0 / (1.0 + (np.linalg.norm(own, axis=1) / (CAUCHY * self.noise)) ** 2)
+            shared, variances = self._shared(residuals)
+            own = residuals - np.einsum("nim,nm->ni", self.modes, shared[pair])
+        typical = np.median(shared[keep] ** 2, axis=0) * MAD**2
+        self.used = keep & (shared**2 < OUTLYING**2 * (typical + variances)).all(axis=1)
+        self.weights *= self.used[pair]
+        self.spread = np.maximum(typical - np.median(variances[keep], axis=0), 0.0)
+        self.correlation = _correlations(model.matches.opens[:, 0], shared, variances, self.used)
+        # Displacements of the points by one standard deviation of each error, in standard deviations of the points.
+        self._scale = np.repeat(np.sqrt(self.weights) / self.noise, 2)[:, None]
+        displaced = self._scale * self.modes.reshape(-1, 4) * np.sqrt(self.spread)
+        ends = 2 * np.searchsorted(pair, np.arange(len(keep) + 1))
+        self._displaced = sparse.block_diag([displaced[a:b] for a, b in pairwise(ends)], "csc")
+        # The errors are those of the pair before times the correlation, and an innovation.
+        innovation = np.sqrt(1.0 - self.correlation**2).ravel()
+        below = -self.correlation.ravel()[4:] / innovation[4:]
+        self._innovations = sparse.diags_array([1.0 / innovation, below], offsets=[0, -4])
+        precision = self._displaced.T @ self._displaced + self._innovations.T @ self._innovations
+        self._solver = splu(precision.tocsc())
+        #: Pair of each whitened value.
+        self.pairs = np.concatenate([np.repeat(pair, 2), np.repeat(np.arange(len(keep)), 4)])
+
+    def _shared(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the shared errors of each pair, and their variances due to the points' own errors."""
+        weighted, sums = self.modes * self.weights[:, None, None], self._matches.sums
+        inverse = np.linalg.inv(sums(np.einsum("nim,nik->nmk", weighted, self.modes)) + 1e-9 * np.eye(4))
+        shared = np.einsum("pmk,pk->pm", inverse, sums(np.einsum("nim,ni->nm", weighted, residuals)))
+        return shared, self.noise**2 * np.diagonal(inverse, axis1=1, axis2=2)
+
+    def whiten(self, values: FloatArray) -> FloatArray:
+        """Return values, shape (n, 2, ...), whose errors are independent and of variance 1, shape (2 n + 4 pairs, ...).
+
+        The likeliest shared errors are taken off the points, and their innovations are appended.
+        """
+        white = self._scale * values.reshape(len(self._scale), -1)
+        shared = self._solver.solve(self._displaced.T @ white)
+        white = np.concatenate([white - self._displaced @ shared, self._innovations @ shared])
+        return white.reshape(-1, *values.shape[2:])
+
+
+def _correlations(times: FloatArray, shared: FloatArray, variances: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
+    """Return the correlations of the shared errors of each pair with those of the pair before it, shape (pairs, 4).
+
+    They fall exponentially with the time between pairs.
+    """
+    correlations = np.zeros_like(shared)
+    steps = np.diff(times) / np.median(np.diff(times))
+    near = used[1:] & used[:-1] & (steps < 1.5)
+    products = (shared[1:] * shared[:-1])[near].sum(axis=0)
+    power = shared**2 - variances
+    power = 0.5 * (power[1:] + power[:-1])[near].sum(axis=0)
+    ratio = np.divide(products, power, out=np.zeros(4), where=power > 0)
+    correlations[1:] = ratio.clip(0.0, MOST_CORRELATION) ** steps[:, None]
+    return correlations
+
+
+def _modes(points: FloatArray) -> FloatArray:
+    """Return the displacements, shape (n, 2, 4), of points by a unit of each error that a pair shares."""
+    centred = points - points.mean(axis=0)
+    x, y = (centred / np.sqrt((centred**2).sum(axis=1).mean())).T
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    return np.stack([np.stack([one, zero, x, -y], axis=-1), np.stack([zero, one, y, x], axis=-1)], axis=1)
+
+
+def fit_clip(
+    model: ClipModel,
+    start: Parameters,
+    free: tuple[str, ...],
+    keep: NDArray[np.bool_],
+    *,
+    rounds: int = 4,
+) -> ClipFit:
+    """Fit the `free` parameters, the others as in `start`, to the pairs `keep`, shape (pairs,), of the matches.
+
+    In each of the `rounds`, weights and variances follow the residuals; they settle after three or four.
+    """
+    units = np.array([getattr(STEPS, name) for name in free])
+
+    def at(x: FloatArray) -> Parameters:
+        return start._replace(**dict(zip(free, (x * units).tolist(), strict=True)))
+
+    def whitened(x: FloatArray, errors: PairErrors) -> FloatArray:
+        return errors.whiten(model.residuals(at(x)))
+
+    def slopes(x: FloatArray, errors: PairErrors) -> FloatArray:
+        return errors.whiten(model.jacobian(at(x), free))
+
+    x = np.array([getattr(start, name) for name in free]) / units
+    for _ in range(rounds):
+        errors = PairErrors(model, model.residuals(at(x)), keep)
+        found = least_squares(whitened, x, slopes, method="lm", max_nfev=4, args=(errors,))
+        x = found.x
+    covariance = _covariance(found.jac, found.fun, errors.pairs) * np.outer(units, units)
+    return ClipFit(at(x), free, covariance, model.residuals(at(x)), errors.used)
+
+
+def _covariance(jacobian: FloatArray, residuals: FloatArray, pairs: NDArray[np.intp]) -> FloatArray:
+    """Return the covariance times `TEXTURE` squared, of errors that are correlated over `LAG` pairs or independent.
+
+    The larger of both counts. The former is the sandwich estimator of Newey and West (1987), whose sums over each pair
+    are correlated with those of its neighbours. `pairs` holds the pair of each row.
+    """
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    sums = np.zeros((pairs[-1] + 1, jacobian.shape[1]))
+    np.add.at(sums, pairs, jacobian * residuals[:, None])
+    middle = sums.T @ sums
+    for lag in range(1, min(LAG, len(sums) - 1) + 1):
+        product = (1.0 - lag / (LAG + 1)) * sums[lag:].T @ sums[:-lag]
+        middle += product + product.T
+    count, unknowns = sums.shape
+    sandwich = inverse @ middle @ inverse * count / max(count - unknowns, 1)
+    growth = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(inverse), 1.0))
+    covariance: FloatArray = TEXTURE**2 * inverse * np.outer(growth, growth)
+    return covariance
