@@ -38,11 +38,11 @@ from rsdeblur import Correction, GyroLog, RsdeblurError, deblur
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import PRIORS, VERDICTS, Prior
 from rsdeblur.estimate import QualityCheck
-from rsdeblur.estimate.check import fall_back
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.undershoot import fade_undershoot
 from rsdeblur.pipeline import steps
+from rsdeblur.pipeline.steps import fall_back
 
 # Least gain or loss, dB, at which a result counts as better or worse than the blurred picture.
 EQUAL = 0.5

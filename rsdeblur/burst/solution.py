@@ -20,7 +20,7 @@ from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.chroma import Solve
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.estimate.blur_spectra import KERNELS, BlurSpectra
-from rsdeblur.estimate.check import UndershootMeter
+from rsdeblur.image.undershoot import UndershootMeter
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.pipeline.memory import least_memory
 from rsdeblur.pipeline.options import Options

@@ -22,9 +22,9 @@ from rsdeblur.choices import READOUT_DIRECTIONS, Auto, Transfer
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.estimate.correction import DRIFT, PARAMETERS, SHARED, Recording, Uncertainty
 from rsdeblur.estimate.posterior import PhotoLikelihood, Posterior, costs_of
-from rsdeblur.estimate.sharpness import NATS_PER_FALL
 from rsdeblur.estimate.refine import grey_lights
 from rsdeblur.estimate.score import Score
+from rsdeblur.estimate.sharpness import NATS_PER_FALL
 from rsdeblur.motion.arguments import check_recording, exposure_list
 from rsdeblur.motion.axes import rotations
 from rsdeblur.motion.camera import TIMESTAMP_SHARES, Camera

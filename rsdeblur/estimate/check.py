@@ -8,16 +8,14 @@ second is light below black: a wrong inverse leaves waves, which in dark places 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Verdict
-from rsdeblur.estimate.motion_evidence import MOST_TILES, SIZES, MotionEvidence
+from rsdeblur.estimate.motion_evidence import SIZES, MotionEvidence
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.types import FloatArray
+from rsdeblur.image.undershoot import UndershootMeter
 
 # Bounds of "doubtful" and "bad": lead of the motion over the best alternative, nats per tile, and light below black as
 # a share of the picture's contrast. docs/developer/reliability.md says how they were chosen and how often they are
@@ -34,10 +32,6 @@ LOST = 0.9
 # Lead over every alternative, nats per tile, and fall under half a turn from which twice the ringing is allowed: such
 # motion is right, and hard edges on black ring in any case.
 CLEAR_LEAD, CLEAR_TURN = 2.0, -0.03
-
-# Distance of the rows that are measured for light below black, in pictures of at least 64 such rows; and rows that are
-# blended together.
-ROW_STEP, ROWS = 8, 64
 
 # Alternatives that do not make a result bad. If the motion is too small, too little blur is removed, which does little
 # harm. And the edges of man-made things look like a straight blur.
@@ -71,9 +65,6 @@ class QualityCheck:
     alternative : str or None
         The best alternative; where one makes the result bad, the best of those that can. Straight blurs and other sizes
         of the motion, with which the sharp picture is clearly less clear, do not count otherwise.
-    weakest : float or None
-        Lead in the two neighbouring rows of tiles where it is least. It shows where to look and does not enter the
-        verdict: parts of a scene may look like an alternative.
     ringing : float
         Light below black that deblurring added, root mean square, as a share of the picture's standard deviation.
     noise_gain : float or None
@@ -96,7 +87,6 @@ class QualityCheck:
     reasons: tuple[str, ...]
     lead: float | None
     alternative: str | None
-    weakest: float | None
     ringing: float
     noise_gain: float | None
     residual: float | None
@@ -104,53 +94,6 @@ class QualityCheck:
     leads: tuple[float, ...]
     ringings: tuple[float, ...]
     blended: bool = False
-
-
-class UndershootMeter:
-    """Measurement, chunk by chunk, of the light below black that deblurring adds.
-
-    Parameters
-    ----------
-    height : int
-        Rows of the picture.
-    """
-
-    def __init__(self, height: int) -> None:
-        self._step = int(np.clip(height // 64, 1, ROW_STEP))
-        # Not row 0, because the first row of the frame rings more than others.
-        self._first = self._step // 2
-        self._part = np.arange(self._first, height, self._step) * MOST_TILES // height
-        self._rows = np.zeros((4, len(self._part)))
-
-    def before(self, light: NDArray[np.float32], rows: slice) -> None:
-        """Measure rows of the input."""
-        light, at = self._some(light, rows)
-        self._rows[:3, at] = light.mean((1, 2)), np.square(light).mean((1, 2)), _below_black(light)
-
-    def after(self, light: NDArray[np.float32], rows: slice) -> None:
-        """Measure rows of the result, before they are clipped."""
-        light, at = self._some(light, rows)
-        self._rows[3, at] = _below_black(light)
-
-    def _some(self, light: NDArray[np.float32], rows: slice) -> tuple[NDArray[np.float32], slice]:
-        first, stop = (-(-(row - self._first) // self._step) for row in (rows.start, rows.stop))
-        return light[first * self._step + self._first - rows.start :: self._step], slice(first, stop)
-
-    def ringing(self) -> tuple[float, tuple[float, ...]]:
-        """Return the ringing of the whole picture and of each part."""
-        mean, square, before, after = self._rows
-        contrast = max(float(square.mean() - mean.mean() ** 2), 1e-12)
-        gained = (after - before) / contrast
-        parts = [gained[self._part == part] for part in range(MOST_TILES)]
-        whole, *each = (np.sqrt(max(float(np.mean(part)), 0.0)) if part.size else 0.0 for part in (gained, *parts))
-        return float(whole), tuple(map(float, each))
-
-
-def _below_black(light: NDArray[np.float32]) -> FloatArray:
-    below = np.minimum(light, 0.0)
-    np.square(below, out=below)
-    means: FloatArray = below.mean((1, 2)).astype(np.float64)
-    return means
 
 
 def assess(
@@ -181,7 +124,7 @@ def assess(
     QualityCheck
     """
     ringing, ringings = meter.ringing()
-    check = QualityCheck("cannot tell", (), None, None, None, ringing, None, None, None, (), ringings)
+    check = QualityCheck("cannot tell", (), None, None, ringing, None, None, None, (), ringings)
     if evidence.tiles is None:
         return _with_verdict(check, evidence.unknown)
     gain, residual = evidence.tiles.compare(result, resampled=resampled, threads=threads)
@@ -194,7 +137,6 @@ def assess(
         check,
         lead=means[alternative],
         alternative=alternative,
-        weakest=min(float(_neighbouring(score).min()) for score in scores.values()),
         noise_gain=gain,
         residual=residual,
         half_turn=evidence.half_turn,
@@ -238,36 +180,3 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
     doubtful, unknown = len(sentences) > len(reasons), check.lead is None
     verdict: Verdict = "bad" if bad else "doubtful" if doubtful else "cannot tell" if unknown else "good"
     return replace(check, verdict=verdict, reasons=tuple(sentences))
-
-
-def _neighbouring(score: FloatArray) -> FloatArray:
-    """Return the means of neighbouring rows of tiles."""
-    return (score[1:] + score[:-1]) / 2 if len(score) > 1 else score
-
-
-def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> QualityCheck:
-    """Blend `out`, which is upright like the picture, towards the input where its figures are bad, in linear light."""
-    height = encoded.shape[0]
-    share = np.maximum(
-        _share(check.ringings, height, DOUBTFUL_RINGING, BAD_RINGING),
-        _share(check.leads, height, DOUBTFUL_LEAD, BAD_LEAD),
-    )
-    if check.half_turn is not None:
-        share = np.maximum(share, _share((check.half_turn,), height, DOUBTFUL_TURN, BAD_TURN))
-    sharp = EncodedImage(out, encoded.transfer)
-    for top in range(0, height, ROWS):
-        rows = slice(top, min(top + ROWS, height))
-        if share[rows].any():
-            weight = share[rows, None, None].astype(np.float32)
-            encoded.encode(weight * encoded.linear(rows) + (1 - weight) * sharp.linear(rows), rows, out)
-    return replace(check, blended=True)
-
-
-def _share(figures: tuple[float, ...], height: int, doubtful: float, bad: float) -> FloatArray:
-    """Return the share of the input in every row, from the figures of equal parts: 0 at `doubtful`, 1 at `bad`."""
-    if not figures:
-        return np.zeros(height)
-    shares = ((np.array(figures) - doubtful) / (bad - doubtful)).clip(0.0, 1.0)
-    centres = (np.arange(len(figures)) + 0.5) * height / len(figures) - 0.5
-    each_row: FloatArray = np.interp(np.arange(height), centres, shares)
-    return each_row

@@ -15,7 +15,7 @@ from scipy import ndimage
 from rsdeblur._util.threads import share, share_blocks, share_map
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.kernels.undershoot import Between, depths, fade_to
-from rsdeblur.types import FloatImage
+from rsdeblur.types import FloatArray, FloatImage
 
 # Standard deviation of the Gaussian that the weight of the blurred picture is smooth by, in lengths of the PSF, and at
 # least in px: the waves of a wrong motion are some tenths of the PSF wide.
@@ -31,6 +31,9 @@ MOST, DARK, LEAST = 1 / 8, 0.01, 0.02
 BLACK_PEAK = 1e-9
 # Rows of cells that a thread measures at a time, and side of the tiles that it fades, px.
 ROWS, TILE = 16, 128
+# Distance of the rows that are measured for light below black, in pictures of at least 64 such rows; and the equal
+# parts of the picture along the readout that are measured by themselves.
+ROW_STEP, PARTS = 8, 6
 
 
 def fade_undershoot(
@@ -100,3 +103,50 @@ def _below_black(sharp: FloatImage, step: int, threads: int | None) -> NDArray[n
 
     share(measure, range(0, len(below), ROWS), threads)
     return below
+
+
+class UndershootMeter:
+    """Measurement, chunk by chunk, of the light below black that deblurring adds.
+
+    Parameters
+    ----------
+    height : int
+        Rows of the picture.
+    """
+
+    def __init__(self, height: int) -> None:
+        self._step = int(np.clip(height // 64, 1, ROW_STEP))
+        # Not row 0, because the first row of the frame rings more than others.
+        self._first = self._step // 2
+        self._part = np.arange(self._first, height, self._step) * PARTS // height
+        self._rows = np.zeros((4, len(self._part)))
+
+    def before(self, light: NDArray[np.float32], rows: slice) -> None:
+        """Measure rows of the input."""
+        light, at = self._some(light, rows)
+        self._rows[:3, at] = light.mean((1, 2)), np.square(light).mean((1, 2)), _mean_square_below_black(light)
+
+    def after(self, light: NDArray[np.float32], rows: slice) -> None:
+        """Measure rows of the result, before they are clipped."""
+        light, at = self._some(light, rows)
+        self._rows[3, at] = _mean_square_below_black(light)
+
+    def _some(self, light: NDArray[np.float32], rows: slice) -> tuple[NDArray[np.float32], slice]:
+        first, stop = (-(-(row - self._first) // self._step) for row in (rows.start, rows.stop))
+        return light[first * self._step + self._first - rows.start :: self._step], slice(first, stop)
+
+    def ringing(self) -> tuple[float, tuple[float, ...]]:
+        """Return the ringing of the whole picture and of each part."""
+        mean, square, before, after = self._rows
+        contrast = max(float(square.mean() - mean.mean() ** 2), 1e-12)
+        gained = (after - before) / contrast
+        parts = [gained[self._part == part] for part in range(PARTS)]
+        whole, *each = (np.sqrt(max(float(np.mean(part)), 0.0)) if part.size else 0.0 for part in (gained, *parts))
+        return float(whole), tuple(map(float, each))
+
+
+def _mean_square_below_black(light: NDArray[np.float32]) -> FloatArray:
+    below = np.minimum(light, 0.0)
+    np.square(below, out=below)
+    means: FloatArray = below.mean((1, 2)).astype(np.float64)
+    return means

@@ -15,12 +15,13 @@ from rsdeblur._util.one_line import html_with_picture, one_line
 from rsdeblur._util.threads import beside
 from rsdeblur.choices import Chroma, Transfer
 from rsdeblur.errors import InputError, RsdeblurWarning
-from rsdeblur.estimate.check import QualityCheck, UndershootMeter
+from rsdeblur.estimate.check import QualityCheck
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.refine import Refinement, refine
 from rsdeblur.image.encoded import EncodedImage, check_size, result_like
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.highlights import HighlightSplit
+from rsdeblur.image.undershoot import UndershootMeter
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure

@@ -12,14 +12,23 @@ from numpy.typing import NDArray
 from rsdeblur.choices import DENOISERS
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
-from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
+from rsdeblur.estimate.check import (
+    BAD_LEAD,
+    BAD_RINGING,
+    BAD_TURN,
+    DOUBTFUL_LEAD,
+    DOUBTFUL_RINGING,
+    DOUBTFUL_TURN,
+    QualityCheck,
+    assess,
+)
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.clipping import keep_colours_near_clipped
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import HighlightSplit, are_lights, find_spots, separate_highlights, small_spots
 from rsdeblur.image.transfer import normalized
-from rsdeblur.image.undershoot import fade_undershoot
+from rsdeblur.image.undershoot import UndershootMeter, fade_undershoot
 from rsdeblur.motion.paths import Capture
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.memory import plan_chunks
@@ -28,7 +37,7 @@ from rsdeblur.pipeline.solver import ChunkSolver, Strengths
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.tiles import Blur, few_psfs, highlight_bank
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import FloatImage
+from rsdeblur.types import FloatArray, FloatImage
 
 # Number of pixels that automatic strengths are derived from: the middle rows of larger pictures are enough.
 MOST_TUNED_PIXELS = 8_000_000
@@ -40,6 +49,8 @@ SOLVED_BORDER_ERROR = 0.1
 # than other priors. (docs/developer/decisions.md)
 LEAST_WAVELET_NSR, LEAST_EXACT_WAVELET_NSR = 3e-3, 1e-3
 NSR_OF_VARIANCE = 2.0
+# Rows that are blended together with the input.
+BLENDED_ROWS = 64
 
 
 def split_highlights(
@@ -248,3 +259,31 @@ def judged(
         result, resampled = EncodedImage(out, encoded.transfer), options.geometry == "rectify"
         check = assess(evidence(), result, meter, resampled=resampled, threads=options.threads)
         return fall_back(encoded, check, out) if options.fallback and check.verdict == "bad" else check
+
+
+def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> QualityCheck:
+    """Blend `out`, which is upright like the picture, towards the input where its figures are bad, in linear light."""
+    height = encoded.shape[0]
+    share = np.maximum(
+        _share(check.ringings, height, DOUBTFUL_RINGING, BAD_RINGING),
+        _share(check.leads, height, DOUBTFUL_LEAD, BAD_LEAD),
+    )
+    if check.half_turn is not None:
+        share = np.maximum(share, _share((check.half_turn,), height, DOUBTFUL_TURN, BAD_TURN))
+    sharp = EncodedImage(out, encoded.transfer)
+    for top in range(0, height, BLENDED_ROWS):
+        rows = slice(top, min(top + BLENDED_ROWS, height))
+        if share[rows].any():
+            weight = share[rows, None, None].astype(np.float32)
+            encoded.encode(weight * encoded.linear(rows) + (1 - weight) * sharp.linear(rows), rows, out)
+    return replace(check, blended=True)
+
+
+def _share(figures: tuple[float, ...], height: int, doubtful: float, bad: float) -> FloatArray:
+    """Return the share of the input in every row, from the figures of equal parts: 0 at `doubtful`, 1 at `bad`."""
+    if not figures:
+        return np.zeros(height)
+    shares = ((np.array(figures) - doubtful) / (bad - doubtful)).clip(0.0, 1.0)
+    centres = (np.arange(len(figures)) + 0.5) * height / len(figures) - 0.5
+    each_row: FloatArray = np.interp(np.arange(height), centres, shares)
+    return each_row

@@ -11,9 +11,11 @@ from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import Camera, Exposure, InputError, deblur, simulate
 from rsdeblur.estimate import QualityCheck
-from rsdeblur.estimate.check import CLEARER, UndershootMeter, _neighbouring, _not_refuted, _with_verdict, fall_back
+from rsdeblur.estimate.check import CLEARER, _not_refuted, _with_verdict
 from rsdeblur.estimate.motion_evidence import SIZES, MotionEvidence
 from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.image.undershoot import UndershootMeter
+from rsdeblur.pipeline.steps import fall_back
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 
@@ -109,16 +111,6 @@ def test_pictures_without_detail_are_not_judged_and_give_no_warnings(capture):
         assert "no detail" in check.reasons[0]
 
 
-def test_the_weakest_neighbouring_rows_of_tiles(capture):
-    blurred, log, camera, exposure = capture
-    right = deblur(blurred, log, camera, exposure, prior="wiener").check
-    # Half of the readout is right, the other half is of another moment.
-    later = deblur(blurred, log, replace(camera, readout_time=0.1), exposure, prior="wiener").check
-    assert later.weakest < right.weakest
-    np.testing.assert_array_equal(_neighbouring(np.array([4.0, -10.0, 2.0])), [-3.0, -4.0])
-    np.testing.assert_array_equal(_neighbouring(np.array([4.0])), [4.0])
-
-
 def test_the_sharp_picture_refutes_straight_blurs_and_sizes_only():
     """And only those that lead."""
     means = {"straight": -3.0, "0.5 times": -2.0, "1.4 times": 2.0, "mirrored": -2.0}
@@ -182,5 +174,5 @@ def test_slabs_are_measured_like_the_whole():
 
 @pytest.mark.parametrize(("turn", "verdict"), [(-0.04, "good"), (-0.02, "doubtful")])
 def test_motion_that_is_clearer_than_half_a_turn_may_ring_more(turn, verdict):
-    check = QualityCheck("cannot tell", (), 1.0, "still", 0.0, 0.08, 1.0, 0.1, turn, (), ())
+    check = QualityCheck("cannot tell", (), 1.0, "still", 0.08, 1.0, 0.1, turn, (), ())
     assert _with_verdict(check).verdict == verdict
