@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -219,11 +219,11 @@ class PairErrors:
         self._scale = np.repeat(np.sqrt(self.weights) / self.noise, 2)[:, None]
         displaced = self._scale * self.modes.reshape(-1, 4) * np.sqrt(self.spread)
         ends = 2 * np.searchsorted(pair, np.arange(len(keep) + 1))
-        self._displaced = sparse.block_diag([displaced[a:b] for a, b in pairwise(ends)], "csc")
+        self._displaced: Any = sparse.block_diag([displaced[a:b] for a, b in pairwise(ends)], "csc")
         # The errors are those of the pair before times the correlation, and an innovation.
         innovation = np.sqrt(1.0 - self.correlation**2).ravel()
         below = -self.correlation.ravel()[4:] / innovation[4:]
-        self._innovations = sparse.diags_array([1.0 / innovation, below], offsets=[0, -4])
+        self._innovations = sparse.diags_array([(1.0 / innovation).tolist(), below.tolist()], offsets=[0, -4])
         precision = self._displaced.T @ self._displaced + self._innovations.T @ self._innovations
         self._solver = splu(precision.tocsc())
         #: Pair of each whitened value.
@@ -299,7 +299,7 @@ def fit_clip(
         errors = PairErrors(model, model.residuals(at(x)), keep)
         found = least_squares(whitened, x, slopes, method="lm", max_nfev=4, args=(errors,))
         x = found.x
-    covariance = _covariance(found.jac, found.fun, errors.pairs) * np.outer(units, units)
+    covariance = _covariance(np.asarray(found.jac), found.fun, errors.pairs) * np.outer(units, units)
     return ClipFit(at(x), free, covariance, model.residuals(at(x)), errors.used)
 
 
@@ -318,6 +318,9 @@ def _covariance(jacobian: FloatArray, residuals: FloatArray, pairs: NDArray[np.i
         middle += product + product.T
     count, unknowns = sums.shape
     sandwich = inverse @ middle @ inverse * count / max(count - unknowns, 1)
-    growth = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(inverse), 1.0))
+    # A number that no match depends on has no variance here; the matches say nothing of it.
+    known = np.diag(inverse)
+    ratios = np.divide(np.diag(sandwich), known, out=np.ones_like(known), where=known > 0)
+    growth = np.sqrt(np.maximum(ratios, 1.0))
     covariance: FloatArray = TEXTURE**2 * inverse * np.outer(growth, growth)
     return covariance

@@ -68,7 +68,7 @@ class ClipMatches:
         """Return sums over the matches of each pair of values, shape (n, ...); shape (pairs, ...)."""
         count = len(self.pair)
         ones = sparse.csr_array((np.ones(count), (self.pair, np.arange(count))), shape=(len(self.opens), count))
-        summed: FloatArray = ones @ values.reshape(count, -1)
+        summed: FloatArray = np.asarray(ones @ values.reshape(count, -1))
         return summed.reshape(-1, *values.shape[1:])
 
 

@@ -85,7 +85,7 @@ def candidates(
     own = camera.imu_to_camera
     every = np.array([*mountings(), own][: None if mounting_name(own) == OBLIQUE else -1])
     t, omega = log
-    angle = cumulative_trapezoid(omega, t, axis=0, initial=0.0)
+    angle = cumulative_trapezoid(omega, t, axis=0, initial=0)
     middles = matches.opens + 0.5 * matches.durations
     offsets = np.arange(search[0], search[1] + STEP, STEP)
     turned = np.stack([np.interp(middles - offsets[:, None, None], t, axis) for axis in angle.T], axis=-1)

@@ -270,7 +270,8 @@ class _Photos:
     def _determined(self, fit: _Fit, *, directed: bool) -> tuple[Camera, dict[str, Estimate]]:
         """Return the camera, with the start's value of all that the photos do not determine, and the numbers."""
         # Without its direction, nothing is known of the readout.
-        worst, free = "" if directed else "readout", (*SHARED, *DRIFT)
+        worst = "" if directed else "readout"
+        free: tuple[str, ...] = (*SHARED, *DRIFT)
         while True:
             free = tuple(name for name in free if name != worst)
             fit = self._fit(_without(fit.camera, worst, self._start), free)
