@@ -318,9 +318,10 @@ def _covariance(jacobian: FloatArray, residuals: FloatArray, pairs: NDArray[np.i
         middle += product + product.T
     count, unknowns = sums.shape
     sandwich = inverse @ middle @ inverse * count / max(count - unknowns, 1)
-    # A number that no match depends on has no variance here; the matches say nothing of it.
     known = np.diag(inverse)
     ratios = np.divide(np.diag(sandwich), known, out=np.ones_like(known), where=known > 0)
     growth = np.sqrt(np.maximum(ratios, 1.0))
     covariance: FloatArray = TEXTURE**2 * inverse * np.outer(growth, growth)
+    # The pseudo-inverse has no variance of a number that no match depends on.
+    np.fill_diagonal(covariance, np.where(known > 0, np.diag(covariance), np.inf))
     return covariance
