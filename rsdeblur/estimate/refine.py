@@ -1,8 +1,9 @@
 """Correction of camera, clock and log by one or several blurred photos.
 
 The corrections are searched by the spectra of the reduced photos (:mod:`rsdeblur.estimate.posterior`), which know the
-blur but not its phase. Several corrections may explain them equally. So those that the search finds are compared by the
-sharp picture that they lead to: with the right motion, its gradient is concentrated in few places.
+blur but not its phase, and by light streaks (:mod:`rsdeblur.estimate.streaks`), if there are any, which know both.
+Several corrections may explain them equally. So those that the search finds are compared by the sharp picture that they
+lead to: with the right motion, its gradient is concentrated in few places.
 """
 
 from __future__ import annotations

@@ -28,6 +28,7 @@ from rsdeblur.estimate.search import (
     adjusted,
 )
 from rsdeblur.estimate.sharpness import NATS_PER_FALL
+from rsdeblur.estimate.streaks import lead_of
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.arguments import is_held
 from rsdeblur.motion.translation import Translation
@@ -144,7 +145,8 @@ class DriftByRegion:
         given = likelihood.nats(score.nothing[0])
         assert given is not None, "the log describes the exposure"
         leads = likelihood.leads(likelihood.spectra.score(recording), given)
-        gain = float(leads.sum() - score.posterior.prior(place))
+        led = lead_of(measures.streaks.nats(recording), measures.streak_nats(likelihood, score.nothing[0]))
+        gain = float(leads.sum() - score.posterior.prior(place)) + led
         fall = measures.sparsity(likelihood, score.nothing[0]) - measures.quick.of(recording)
         total = score.together(gain, fall, [recording])
         return Corrected(place, [recording], gain=gain, fall=fall, score=total, factors=factors)

@@ -14,6 +14,7 @@ from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior
 from rsdeblur.estimate.score import Score
 from rsdeblur.estimate.sharpness import NATS_PER_FALL, SHORTER
+from rsdeblur.estimate.streaks import lead_of
 from rsdeblur.motion.axes import rotations
 from rsdeblur.types import FloatArray
 
@@ -52,6 +53,7 @@ def rival_lead(score: Score, found: Sequence[Recording], deviations: FloatArray,
     nats = [photo.likelihood.spectra.score(each) for photo, each in zip(photos, found, strict=True)]
     clear = [photo.measures.quick.of(each) for photo, each in zip(photos, found, strict=True)]
     lengths = [each.capture().mean_length for each in found]
+    traced = [photo.measures.streaks.nats(each) for photo, each in zip(photos, found, strict=True)]
     steps = score.posterior.directions(["offset"])
     places = [score.nothing + offset * steps[0] for offset in OFFSETS] if steps else [score.nothing]
     free = [name for name in FREE if name in score.posterior.free]
@@ -65,18 +67,18 @@ def rival_lead(score: Score, found: Sequence[Recording], deviations: FloatArray,
         posterior = Posterior(turned, deviations)
         return Rival(posterior, [posterior.lead(place, nats) for place in places])
 
-    def by_picture(n: int, other: Recording) -> float:
-        """Return by how much a photo is likelier with another recording by its sharp picture."""
+    def by_pictures(n: int, other: Recording) -> float:
+        """Return by how much a photo is likelier with another recording by its streaks and its sharp picture."""
         measures = photos[n].measures
         fall = clear[n] - measures.quick.of(other)
         # With shorter paths, the corrected recording may be clearer because it removes less blur.
         if lengths[n] < SHORTER * other.capture().mean_length:
             fall = max(fall, -MOST_OF_SHORTER)
-        return NATS_PER_FALL * fall
+        return lead_of(measures.streaks.nats(other), traced[n]) + NATS_PER_FALL * fall
 
     def evidence(posterior: Posterior, place: FloatArray) -> float:
         others = enumerate(posterior.recordings(place))
-        return posterior.lead(place, nats) + sum(by_picture(n, other) for n, other in others)
+        return posterior.lead(place, nats) + sum(by_pictures(n, other) for n, other in others)
 
     def whole_lead(rival: Rival) -> float:
         posterior, leads = rival

@@ -1,4 +1,4 @@
-"""Scores of corrections: by spectra, and by the sharp pictures that they lead to.
+"""Scores of corrections: by spectra, by light streaks, and by the sharp pictures that they lead to.
 
 Corrections are places of a :class:`rsdeblur.estimate.posterior.Posterior`; scores are in nats.
 """
@@ -15,11 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._util.threads import share_map
+from rsdeblur._util.threads import beside, share_map
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior
 from rsdeblur.estimate.sharpness import NATS_PER_FALL, SHORTER, QuickSharpness, WholeSharpness
 from rsdeblur.estimate.spectra import TileSpectra, spectra_side
+from rsdeblur.estimate.streaks import LightStreaks, lead_of
 from rsdeblur.types import FloatArray
 
 # Nats that a number of a correction costs, and the least gain that counts.
@@ -63,7 +64,7 @@ class Corrected:
 
 
 class PhotoMeasures:
-    """Sharp pictures of one photo; what was measured of a row of a place is kept.
+    """Light streaks and sharp pictures of one photo; what was measured of a row of a place is kept.
 
     Parameters
     ----------
@@ -71,24 +72,34 @@ class PhotoMeasures:
         Linear light, of the picture as stored, or already reduced.
     recording : Recording
         Recording of the photo as given.
+    streaks : LightStreaks
+        Light streaks of the photo.
     """
 
-    def __init__(self, light: NDArray[np.float32], recording: Recording) -> None:
-        self._light, self._recording = light, recording
+    def __init__(self, light: NDArray[np.float32], recording: Recording, streaks: LightStreaks) -> None:
+        self._light, self._recording, self.streaks = light, recording, streaks
         self.quick = QuickSharpness(light, recording)
+        self._streak_nats: dict[bytes, float] = {}
         self._tiles: dict[bytes, FloatArray] = {}
         self._whole_sparsities: dict[bytes, float] = {}
 
     def renewed(self) -> PhotoMeasures:
         """Return the same measures for another recording, of which nothing is known yet."""
         other = copy(self)
-        other._tiles, other._whole_sparsities = {}, {}
+        other._streak_nats, other._tiles, other._whole_sparsities = {}, {}, {}
         return other
 
     @cached_property
     def whole(self) -> WholeSharpness:
         """The measure of whole solves, which most photos do not need."""
         return WholeSharpness(self._light, self._recording)
+
+    def streak_nats(self, likelihood: PhotoLikelihood, row: FloatArray) -> float:
+        """Return how much likelier the light streaks are than under no motion that explains them."""
+        key = row.tobytes()
+        if key not in self._streak_nats:
+            self._streak_nats[key] = self.streaks.nats(likelihood.corrected(row))
+        return self._streak_nats[key]
 
     def tiles(self, likelihood: PhotoLikelihood, row: FloatArray) -> FloatArray:
         """Return :meth:`rsdeblur.estimate.sharpness.QuickSharpness.tiles` of a row."""
@@ -125,7 +136,7 @@ class Score:
     posterior : Posterior
         What the spectra and the uncertainty of the recordings say.
     measures : sequence of PhotoMeasures
-        Sharp pictures of each photo.
+        Light streaks and sharp pictures of each photo.
     threads : int or None
         Threads that share several places; None means all processors.
     """
@@ -161,7 +172,9 @@ class Score:
             spectra = TileSpectra(light, recording, side=spectra_side(recording), threads=1)
             return PhotoLikelihood(spectra, recording, deviations)
 
-        likelihoods, measures = list(starmap(likelihood, pairs)), list(starmap(PhotoMeasures, pairs))
+        with beside(lambda: list(starmap(LightStreaks, pairs)), threads) as streaks:
+            likelihoods = list(starmap(likelihood, pairs))
+            measures = [PhotoMeasures(*pair, each) for pair, each in zip(pairs, streaks(), strict=True)]
         return cls(_posterior(likelihoods, deviations, threads), measures, threads)
 
     def under(self, recordings: Sequence[Recording], deviations: FloatArray) -> Score:
@@ -175,9 +188,31 @@ class Score:
         """Return the scores by one of the photos alone."""
         return Score(self.posterior.alone(n), [self.photos[n].measures], self._threads)
 
+    @property
+    def has_streaks(self) -> bool:
+        """Whether a photo has light streaks."""
+        return any(photo.measures.streaks.streaks for photo in self.photos)
+
     def gain(self, place: FloatArray) -> float:
+        """Return how much likelier the spectra and the light streaks are than without a correction."""
+        return self.spectra_gain(place) + self.streak_gain(place)
+
+    def spectra_gain(self, place: FloatArray) -> float:
         """Return how much likelier the spectra are than without a correction."""
         return self.posterior.gain(place, self.nothing)
+
+    def streak_gain(self, place: FloatArray) -> float:
+        """Return how much likelier the light streaks are than without a correction."""
+        leads = map(lead_of, self._streak_nats(place), self._streak_nats(self.nothing))
+        return float(sum(leads))
+
+    def streak_nats(self, place: FloatArray) -> float:
+        """Return how much likelier the light streaks are than under no motion that explains them."""
+        return sum(self._streak_nats(place))
+
+    def _streak_nats(self, place: FloatArray) -> list[float]:
+        pairs = zip(self.photos, place, strict=True)
+        return [measures.streak_nats(likelihood, row) for (likelihood, measures), row in pairs]
 
     def falls(self, place: FloatArray) -> FloatArray:
         """Return how much the logarithm of l1 / l2 of each photo falls, shape (N,)."""
@@ -195,6 +230,7 @@ class Score:
         given = other.posterior.nats(other.nothing)
         assert given is not None, "the log describes the exposures"
         gain = self.posterior.lead(place, given)
+        gain += float(sum(map(lead_of, self._streak_nats(place), other._streak_nats(other.nothing))))
         fall = float((other._sparsities(other.nothing) - self._sparsities(place)).sum())
         return gain if gain < 0 else gain + NATS_PER_FALL * min(fall, most)
 

@@ -1,4 +1,4 @@
-"""Search for the best credible correction of a recording: spectra propose, the sharp pictures decide.
+"""Search for the best credible correction of a recording: spectra and streaks propose, the sharp pictures decide.
 
 Corrections are places of a :class:`rsdeblur.estimate.posterior.Posterior`.
 """
@@ -44,6 +44,11 @@ ADJUSTED, QUICK_STEPS, WHOLE_STEPS, MOST_STEPS = ("scale", *DRIFT, *ACCELERATION
 # A correction that is accepted may be bent: it must be worth so many nats more, by the quick measure and by the whole
 # solve. Steps along the acceleration, and then along drift and acceleration, in standard deviations.
 MORE_BY_BENDING, BENDING_STEPS = 10.0, (1.0, 0.5)
+# Light streaks search along these parameters, with steps in standard deviations, from the best place of a grid of so
+# many values of each drift, or from no correction. The search goes on after the first step only if they are so many
+# nats likelier. The spectra join the last two steps.
+FOLLOWED, STREAK_STEPS, LEAST_FOLLOWED = ("scale", *DRIFT), (0.8, 0.4, 0.2), 10.0
+STREAK_GRID, STREAK_COUNT = DRIFT, 4
 # Least score (nats) of a correction that is accepted, its least fall in the whole solve, and the most standard
 # deviations of any parameter. The quick measure must not rise; a fall proves less there, as the largest of many.
 LEAST_SCORE, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
@@ -171,6 +176,8 @@ class Search:
                 found[places[at].tobytes()] = float(scores[at]), places[at]
             if scores[top] > most:
                 most, best = float(scores[top]), places[top]
+        for place in self._followed(progress):
+            found[place.tobytes()] = score.of(place) - score.cost(place), place
         return [place for _, place in sorted(found.values(), key=lambda pair: -pair[0])]
 
     def _starts(self, model: Sequence[str], count: int) -> list[FloatArray]:
@@ -181,7 +188,7 @@ class Search:
             alone = [Search(score.alone(n), self._threads)._starts(model, count) for n in range(len(score.photos))]
             return [np.concatenate(rows) for rows in zip_longest(*alone, fillvalue=score.nothing[:1])]
         places = self._grid(model, count)
-        gains = np.array(share_map(score.gain, places, self._threads))
+        gains = np.array(share_map(score.spectra_gain, places, self._threads))
         likely = [n for n in np.argsort(-gains)[: round(COMPARED * len(places))] if gains[n] > LEAST_START]
         falls = share_map(lambda n: float(score.falls(places[n]).sum()), likely, self._threads)
         scores = gains[likely] + NATS_PER_FALL * np.array(falls)
@@ -192,6 +199,27 @@ class Search:
         steps = self._score.posterior.directions(model)
         values = product(np.linspace(-WIDEST, WIDEST, count), repeat=len(steps))
         return [self._score.nothing + np.tensordot(each, steps, 1) for each in values] if steps else []
+
+    def _followed(self, progress: Progress) -> list[FloatArray]:
+        """Return the correction that light streaks prefer, and what the spectra and they prefer from there."""
+        score, steps = self._score, self._score.posterior.directions(FOLLOWED)
+        if not score.has_streaks or not steps or len(score.photos) > 1:
+            return []
+
+        def likely(places: Sequence[FloatArray]) -> list[float]:
+            return share_map(
+                lambda place: score.streak_nats(place) - score.posterior.prior(place), places, self._threads
+            )
+
+        def gains(places: Sequence[FloatArray]) -> list[float]:
+            return share_map(score.gain, places, self._threads)
+
+        begin = [score.nothing, *self._grid(STREAK_GRID, STREAK_COUNT)]
+        first = adjusted(begin[int(np.argmax(likely(begin)))], likely, steps, progress, steps=STREAK_STEPS[:1])
+        if score.streak_gain(first) < LEAST_FOLLOWED:
+            return []
+        place = adjusted(first, likely, steps, progress, steps=STREAK_STEPS[:2])
+        return [place, adjusted(place, gains, steps, progress, steps=STREAK_STEPS[1:])]
 
 
 def adjusted(
