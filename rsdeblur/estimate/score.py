@@ -229,8 +229,8 @@ class Score:
         """
         given = other.posterior.nats(other.nothing)
         assert given is not None, "the log describes the exposures"
-        gain = self.posterior.lead(place, given)
-        gain += float(sum(map(lead_of, self._streak_nats(place), other._streak_nats(other.nothing))))
+        streaks = map(lead_of, self._streak_nats(place), other._streak_nats(other.nothing))
+        gain = max(self.posterior.lead(place, given) + float(sum(streaks)), WORST_GAIN)
         fall = float((other._sparsities(other.nothing) - self._sparsities(place)).sum())
         return gain if gain < 0 else gain + NATS_PER_FALL * min(fall, most)
 
