@@ -84,24 +84,6 @@ def test_ends_of_a_smooth_picture_meet_smoothly(extended, length, start, taper):
     assert steps.max() <= allowed
 
 
-def test_without_a_taper_the_ends_do_not_meet(extended):
-    # The law above can fail.
-    picture = np.linspace(0.0, 0.9, N, dtype=np.float32)[:, None]
-    out = extended(picture, 36, 0)[:, 0]
-    assert abs(out[-1] - out[0]) > 0.7
-
-
-def test_the_taper_fades_from_one_end_into_the_other(extended):
-    low, high = np.zeros((20, 1), np.float32), np.ones((20, 1), np.float32)
-    out = extended(np.concatenate([low, high]), 52, 0, taper=12)[:, 0]
-    # After the last row, which is bright, the continuation falls to the first row, which is dark.
-    end = out[40:]
-    assert np.all(np.diff(end) < 0)
-    assert 0.95 < end[0] < 1
-    assert 0 < end[-1] < 0.05
-    np.testing.assert_allclose(end + end[::-1], 1, atol=1e-6)
-
-
 @pytest.mark.parametrize(("length", "start"), [(30, 4), (30, -5), (60, -8)])
 def test_the_taper_ends_where_the_start_begins(extended, noise, length, start):
     taper = 10

@@ -150,33 +150,6 @@ class TestSamples:
         # Half a percent of the energy may move, by a fraction of a pixel.
         assert np.abs(kernels[0] - kernels[1]).sum(axis=(2, 3)).max() < 5e-3
 
-    def test_a_number_is_taken(self, shaky_log):
-        assert paths_of(shaky_log(), camera_of(), samples=7).displacements.shape == (5, 3, 7, 2)
-
-    @pytest.mark.parametrize("samples", [1, 0, 2.0, "many"])
-    def test_refuses(self, shaky_log, samples):
-        with pytest.raises(InputError, match="samples must be"):
-            paths_of(shaky_log(), camera_of(), samples=samples)
-
-    @pytest.mark.parametrize(
-        ("arguments", "message"),
-        [
-            ({"motion": "paper"}, "motion must be one of rotation, small-angle; got 'paper'"),
-            ({"rows": 3.0}, r"rows must have shape \(n\), got \(\)"),
-            ({"cols": [0.0, np.nan]}, "cols must be finite"),
-        ],
-    )
-    def test_refuses_other_grids_and_motions(self, shaky_log, arguments, message):
-        with pytest.raises(InputError, match=message):
-            paths_of(shaky_log(), camera_of(), **arguments)
-
-    def test_times_are_even_and_hold_both_ends(self, shaky_log):
-        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
-        times = capture.times(ROWS, 5)
-        opens, closes = EXPOSURE.window(ROWS, camera_of())
-        np.testing.assert_allclose(times[:, [0, -1]], np.stack([opens, closes], axis=1), atol=1e-15)
-        np.testing.assert_allclose(np.diff(times, axis=1), EXPOSURE.duration / 4, atol=1e-15)
-
     def test_length_and_extent(self):
         corner = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, -1.0]])
         paths = BlurPaths(np.stack([corner, 0 * corner])[:, None], np.arange(2.0), np.zeros(1))
@@ -220,11 +193,6 @@ class TestCapture:
         assert smaller.probe.extent[1] == pytest.approx(capture.probe.extent[1] / 2, rel=0.05)
         assert smaller.row_poses.camera is smaller.camera
 
-    def test_mid_is_between_open_and_close(self, shaky_log):
-        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
-        opens, closes = EXPOSURE.window(ROWS, camera_of())
-        np.testing.assert_allclose(capture.mid(ROWS), 0.5 * (opens + closes), atol=1e-15)
-
 
 class TestRowPoses:
     def test_a_row_is_projected_with_its_own_pose(self, shaky_log):
@@ -260,24 +228,9 @@ class TestRowPoses:
         # Rounding of coordinates of some 100 px, in three steps.
         np.testing.assert_allclose(*paths, atol=1e-11)
 
-    def test_rays_undo_the_projection(self):
-        camera = Camera(WIDTH, HEIGHT, (100.0, 120.0), (40.0, 30.0))
-        points = np.random.default_rng(0).uniform(0, 60, (4, 5, 2))
-        image = camera.rays(points) @ camera.matrix.T
-        np.testing.assert_allclose(image, np.concatenate([points, np.ones((4, 5, 1))], axis=-1), atol=1e-12)
-
 
 class TestChange:
     """Changes and curvatures, from which the numbers of bands and strips follow."""
-
-    @pytest.mark.parametrize("motion", MOTIONS)
-    def test_none_without_motion_or_change(self, motion):
-        still = Capture.from_log(constant(0, 0, 0), camera_of(), EXPOSURE, motion=motion)
-        # A small-angle path at a constant rate is the same everywhere.
-        turning = Capture.from_log(constant(0.3, -0.2, 0.1), camera_of(), EXPOSURE, motion="small-angle")
-        for probe in (still.probe, turning.probe):
-            # Roundings of 1e-13 px in projected positions, times the squared number of rows.
-            assert max(probe.change_down, probe.change_across, probe.curvature_down, probe.curvature_across) < 1e-8
 
     @pytest.mark.parametrize("motion", MOTIONS)
     @pytest.mark.parametrize("number", [2, 4, 8, 32])
@@ -314,18 +267,6 @@ class TestChange:
             error = np.linalg.norm(guess - true, axis=-1).max()
             # Curvature is measured at 33 and 9 positions, which may miss a little of the largest.
             assert error <= 1.05 * curvature / (8 * tiles**2) + 1e-3
-
-    @pytest.mark.parametrize(
-        "camera", [camera_of(), Camera(2048, 1536, 2250.0, readout_time=0.03)], ids=["small", "large"]
-    )
-    @pytest.mark.parametrize("seed", range(6))
-    def test_paths_change_no_faster_at_the_edges_than_inside(self, shaky_log, camera, seed):
-        """Poses continue beyond the picture; constant ones would bend the outer paths several times as much."""
-        probe = Capture.from_log(shaky_log(seed=seed), camera, EXPOSURE).probe
-        for order in (1, 2):
-            steps = np.linalg.norm(np.diff(probe.displacements, n=order, axis=0), axis=-1).max(axis=(1, 2))
-            # Perspective makes the outer rows change faster, by up to 8 % here.
-            assert max(steps[:2].max(), steps[-2:].max()) <= 1.2 * steps[2:-2].max()
 
 
 def _paths_with_the_times_of_the_probe(capture, rows, cols):
@@ -375,7 +316,3 @@ class TestBlurPaths:
     def test_of_one_place_do_not_change(self):
         paths = BlurPaths(*self.GRID)
         assert max(paths.change_down, paths.change_across, paths.curvature_down, paths.curvature_across) == 0.0
-
-    def test_softness_out_of_range_is_refused(self):
-        with pytest.raises(InputError, match="softness"):
-            BlurPaths(*self.GRID, softness=np.nan)
