@@ -198,7 +198,7 @@ def test_a_log_without_timestamps_needs_the_sampling_rate(write: Write) -> None:
 
 def test_the_user_says_that_x_y_and_z_are_rates(write: Write) -> None:
     path = write("t_us,x,y,z\n0,1,2,3\n5000,1,2,3\n")
-    with pytest.raises(FileFormatError, match="looks like a trajectory .* --gyro-format"):
+    with pytest.raises(FileFormatError, match=r"looks like a trajectory .* --gyro-format"):
         read_gyro(path)
     np.testing.assert_array_equal(read_gyro(path, "plain").omega, [[1, 2, 3], [1, 2, 3]])
     with pytest.raises(FileFormatError, match="another sensor"):
@@ -260,7 +260,7 @@ def test_gcsv_with_a_scale_that_is_no_whole_number_of_nanoseconds(write: Write) 
 
 GOOD = "0.00,1,2,3\n0.01,1,2,3\n"
 GCSV = "GYROFLOW IMU LOG\ntscale,0.001\n"
-# Text, the line of the fault or 0 for the whole file, and words of the message. Cells are those of tests/io/test_text.py.
+# Text, the line of the fault or 0 for the whole file, and words of the message. test_text.py has more cells.
 FAULTS = {
     "too few columns": (GOOD + "0.02,1,2\n0.03,1,2,3\n", 3, "too few columns: 3 found, at least 4"),
     "not a number": (GOOD + "\n# note\n0.02,1,x,3\n", 5, "'x' in column 3 is not a number"),

@@ -81,7 +81,7 @@ class TestMisuse:
     def test_spans_out_of_range_or_of_another_shape(self, channels, spans):
         rng = np.random.default_rng(4)
         whole, slabs = complex_noise(rng, channels, 5, 10), complex_noise(rng, 1, 2, 5, 6)
-        with pytest.raises(ValueError, match="spans|channels"):
+        with pytest.raises(ValueError, match=r"spans|channels"):
             native.blend(whole, slabs, np.ones((1, 4), np.float32), np.array(spans, np.int32))
 
 

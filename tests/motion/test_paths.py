@@ -126,20 +126,6 @@ class TestAnchor:
 
 
 class TestSamples:
-    @pytest.mark.parametrize("motion", MOTIONS)
-    @pytest.mark.parametrize("focal_length", [110.0, 2000.0])
-    def test_auto_takes_four_per_pixel_and_two_per_gyro_interval(self, shaky_log, motion, focal_length):
-        camera = Camera(WIDTH, HEIGHT, focal_length, readout_time=0.03)
-        capture = Capture.from_log(shaky_log(), camera, EXPOSURE, motion=motion)
-        paths = BlurPaths.from_capture(capture, ROWS, COLS)
-        steps = paths.displacements.shape[2] - 1
-        # "auto" measures the length with fewer samples, which cut corners by less than 1 %.
-        assert steps >= 0.99 * 4 * paths.lengths.max()
-        assert steps >= 2 * len(capture.track.t)
-        # Whether the first sampling is fine enough (110 px) or another follows.
-        given = BlurPaths.from_capture(capture, ROWS, COLS, samples=steps + 1)
-        np.testing.assert_array_equal(paths.displacements, given.displacements)
-
     @pytest.mark.parametrize("seed", range(4))
     def test_doubling_them_changes_no_kernel(self, shaky_log, seed):
         capture = Capture.from_log(shaky_log(seed=seed), Camera(WIDTH, HEIGHT, 400.0, readout_time=0.03), EXPOSURE)
@@ -185,14 +171,6 @@ class TestCapture:
             Capture.from_log(constant(0, 0, 0), camera, EXPOSURE)
         Capture.from_log(constant(0, 0, 0), camera.turned(), EXPOSURE)
 
-    def test_probe_and_poses_are_computed_once_and_not_copied(self, shaky_log):
-        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
-        assert capture.probe is capture.probe
-        assert capture.row_poses is capture.row_poses
-        smaller = replace(capture, camera=capture.camera.scaled(0.5))
-        assert smaller.probe.extent[1] == pytest.approx(capture.probe.extent[1] / 2, rel=0.05)
-        assert smaller.row_poses.camera is smaller.camera
-
 
 class TestRowPoses:
     def test_a_row_is_projected_with_its_own_pose(self, shaky_log):
@@ -211,10 +189,6 @@ class TestRowPoses:
         for row in (-9.0, 70.0):
             u, v, w = capture.camera.matrix @ capture.track.at(capture.mid(np.array(row))) @ world
             np.testing.assert_allclose(capture.row_poses.project(world, np.array(row)), [u / w, v / w], atol=1e-9)
-
-    def test_a_picture_of_one_row(self, shaky_log):
-        capture = Capture.from_log(shaky_log(), Camera(WIDTH, 1, FOCAL, readout_time=0.01), EXPOSURE)
-        assert np.isfinite(capture.row_poses.project(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))).all()
 
     def test_a_lens_whose_coefficients_are_zero_is_a_pinhole(self, shaky_log):
         """Cameras without distortion have a kernel of their own."""
@@ -301,18 +275,3 @@ class TestRectify:
         since = (ROWS[:, None] - 31.5) / HEIGHT * 0.03 + np.linspace(-0.02, 0.02, 5)
         # Tolerance for the tangent, on a row that is a third of f away from the centre.
         np.testing.assert_allclose(paths.displacements[:, 0, :, 0], -FOCAL * 0.5 * since, atol=0.01)
-
-
-class TestBlurPaths:
-    """Paths as users give them."""
-
-    GRID = np.zeros((1, 1, 3, 2)), np.zeros(1), np.zeros(1)
-
-    def test_are_read_only_and_leave_the_given_array_as_it_is(self):
-        paths = BlurPaths(*self.GRID)
-        assert not any(values.flags.writeable for values in (paths.displacements, paths.rows, paths.cols))
-        assert all(values.flags.writeable for values in self.GRID)
-
-    def test_of_one_place_do_not_change(self):
-        paths = BlurPaths(*self.GRID)
-        assert max(paths.change_down, paths.change_across, paths.curvature_down, paths.curvature_across) == 0.0

@@ -87,23 +87,6 @@ def test_a_map_turns_with_the_picture():
     np.testing.assert_allclose(turned, np.stack([-y, x], axis=-1), atol=1e-9)
 
 
-def test_two_depths_are_restored_at_once(shaky_log):
-    log, track = shaky_log((0.5, 0.5, 0.5)), sway(0.01)
-    sharp = scene(200, 240)[..., 1]
-    near, far = (replace(track, depth=depth) for depth in (0.5, 1.5))
-    left, right = (simulate(sharp, log, CAMERA, EXPOSURE, noise=1e-3, translation=each) for each in (near, far))
-    halves = np.arange(160) < 80
-    blurred, truth = (np.where(halves, getattr(left, n), getattr(right, n)) for n in ("blurred", "rolling"))
-    step = replace(track, depth=np.where(np.linspace(0, 159, 54) < 80, 0.5, 1.5)[None].repeat(2, axis=0))
-    options = {"strips": 8, "prior": "tv", "check": False}
-    scores = [
-        quality(deblur(blurred, log, CAMERA, EXPOSURE, translation=known, **options).image, truth)
-        for known in (step, near, far, None)
-    ]
-    # Measured: 4.4 dB better than any one depth.
-    assert scores[0] > max(scores[1:]) + 1, scores
-
-
 def quality(image, truth):
     inside = np.s_[24:-24, 24:-24]
     return peak_signal_noise_ratio(truth[inside], image[inside], data_range=1.0)
