@@ -95,16 +95,6 @@ class TestFromPaths:
         capture = Capture.from_log(shaky_log(), Camera(96, 64, 90.0, readout_time=0.03), EXPOSURE)
         return BlurPaths.from_capture(capture, tile_centres(4, 64), tile_centres(3, 96))
 
-    def test_sum_and_centroid(self, paths):
-        bank = PsfBank.from_paths(paths)
-        np.testing.assert_allclose(bank.kernels.sum(axis=(2, 3), dtype=np.float64), 1, atol=1e-6)
-        dy, dx = (np.arange(n) - n // 2 for n in bank.size)
-        d = paths.displacements
-        mean = 0.5 * (d[:, :, 1:] + d[:, :, :-1]).mean(axis=2)
-        # Positions of some px, rounded by 6e-8 of themselves in float32.
-        np.testing.assert_allclose(np.einsum("bsij,j->bs", bank.kernels.astype(float), dx), mean[..., 0], atol=1e-6)
-        np.testing.assert_allclose(np.einsum("bsij,i->bs", bank.kernels.astype(float), dy), mean[..., 1], atol=1e-6)
-
     def test_size_is_the_longest_reach_and_no_more(self, paths):
         bank = PsfBank.from_paths(paths)
         assert bank.size == tuple(2 * math.floor(reach) + 3 for reach in paths.extent)
@@ -138,12 +128,6 @@ class TestFromPaths:
     def test_refuses_paths_that_do_not_fit(self, displacements, message):
         with pytest.raises(InputError, match=message):
             PsfBank(np.ones((3, 3)) / 9, [4.0], [5.0], displacements)
-
-    def test_standing_still_is_a_delta(self):
-        paths = BlurPaths(np.zeros((2, 1, 5, 2)), np.array([1.0, 2.0]), np.array([4.0]))
-        expected = np.zeros((2, 1, 3, 3))
-        expected[..., 1, 1] = 1
-        np.testing.assert_array_equal(PsfBank.from_paths(paths).kernels, expected)
 
 
 class TestCut:

@@ -52,12 +52,6 @@ def test_no_motion_is_the_identity(picture: np.ndarray, grid: tuple[int, int], b
     np.testing.assert_allclose(result, picture, atol=FLOAT32)
 
 
-def test_constant_picture_keeps_its_brightness() -> None:
-    picture = np.full((H, W), 0.7, dtype=np.float32)
-    bank = PsfBank.for_picture(random_kernels(5, 2, 9, 13), picture.shape)
-    np.testing.assert_allclose(Deconvolver(bank, picture.shape, nsr=0.1).apply(picture), 0.7, atol=FLOAT32)
-
-
 def test_same_kernel_everywhere_equals_global() -> None:
     """Tiles that share one kernel differ from the whole only by the fade in their margins."""
     picture = scene(150, 200)
