@@ -137,37 +137,33 @@ def test_jpeg_round_trip(tmp_path: Path, channels: tuple[int, ...]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("source", "extension", "expected"),
+    ("pixels", "like", "bits", "extension", "expected"),
     [
-        ("float32", ".png", "uint16"),
-        ("uint16", ".jpg", "uint8"),
-        ("float32", ".webp", "uint8"),
-        ("uint8", ".tif", "uint8"),
+        ("float64", "float32", None, ".png", "uint16"),
+        ("float64", "uint16", None, ".jpg", "uint8"),
+        ("float64", "float32", None, ".webp", "uint8"),
+        ("float64", "uint8", None, ".tif", "uint8"),
+        ("float64", None, None, ".tif", "uint8"),
+        *(("uint16", None, None, extension, "uint16") for extension in (".png", ".tif", ".npy")),
+        ("uint16", None, None, ".jpg", "uint8"),
+        *(
+            ("float64", "uint16", bits, ".tif", dtype)
+            for bits, dtype in ((8, "uint8"), (16, "uint16"), (32, "float32"))
+        ),
     ],
 )
-def test_depth_is_that_of_like_or_the_next_lower_one(
-    tmp_path: Path, source: str, extension: str, expected: str
+def test_depth_is_what_is_asked_for_or_the_next_lower_one(
+    tmp_path: Path, pixels: str, like: str | None, bits: Any, extension: str, expected: str
 ) -> None:
+    """That of `bits`, of `like` or of integers, and 8 bits otherwise."""
     path = tmp_path / f"picture{extension}"
-    write_picture(path, np.full((4, 4), 0.5), like=Picture(np.zeros(1, source)))
+    given = Picture(np.zeros(1, like)) if like else None
+    write_picture(path, np.zeros((4, 4), pixels), like=given, bits=bits)
     assert read_picture(path).pixels.dtype == expected
 
 
-def test_integers_keep_their_depth(tmp_path: Path) -> None:
-    pixels = np.arange(16, dtype=np.uint16).reshape(4, 4)
-    for name, dtype in (("a.png", "uint16"), ("a.tif", "uint16"), ("a.npy", "uint16"), ("a.jpg", "uint8")):
-        write_picture(tmp_path / name, pixels)
-        assert read_picture(tmp_path / name).pixels.dtype == dtype
-    write_picture(tmp_path / "float.tif", pixels / 15)
-    assert read_picture(tmp_path / "float.tif").pixels.dtype == np.uint8
-
-
-def test_bits_override_like(tmp_path: Path) -> None:
-    for bits, dtype in ((8, "uint8"), (16, "uint16"), (32, "float32")):
-        path = tmp_path / f"{bits}.tif"
-        write_picture(path, np.full((4, 4), 0.5), like=Picture(np.zeros(1, np.uint16)), bits=bits)
-        assert read_picture(path).pixels.dtype == dtype
-    with pytest.raises(OutputError, match=r"picture\.jpg: JPEG cannot hold 16 bits per sample"):
+def test_a_format_cannot_hold_more_bits(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"picture\.jpg: JPEG cannot hold 16 bits"):
         write_picture(tmp_path / "picture.jpg", np.zeros((4, 4)), bits=16)
 
 

@@ -178,7 +178,7 @@ def test_wild_coefficients_are_refused_or_right(pixels: np.ndarray) -> None:
     np.testing.assert_allclose(edge.project(np.array([1.0, 0.0, 0.0])), [199.5 + 50 * np.pi, 199.5])
 
 
-@pytest.mark.parametrize("smallest", [0.0, 5e-324, 1e-310, 1e-30])
+@pytest.mark.parametrize("smallest", [5e-324, 1e-30])
 def test_coefficients_that_bend_nothing(smallest):
     k = (0.03, 0.01, 0.0, smallest)
     assert lens.reach(k) == lens.reach((0.03, 0.01, 0.0, 0.0))
