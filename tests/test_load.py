@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
@@ -18,7 +17,6 @@ from numba.core.compiler_lock import global_compiler_lock
 from numpy.typing import NDArray
 
 from rsdeblur import Camera, Deconvolver, Exposure, InputError, deblur, hand_shake, plan, psfs
-from rsdeblur._util.threads import ThreadTeam
 from rsdeblur.deconv import DerivativePrior, PlugAndPlayPrior, RowBlur, RowDeconvolver, TileQuadratic, fft
 from rsdeblur.io import pictures
 from rsdeblur.motion import BlurPaths, Capture
@@ -73,56 +71,6 @@ def _into(out: Image | None, result: Image) -> Image:
     return out
 
 
-def shared_by_threads(apply: Apply, count: int) -> Counter[str]:
-    """Let 8 threads apply one solver to `count` pictures each; compare with the results of one thread."""
-    pictures = noise(THREADS)
-    expected = [apply(picture).tobytes() for picture in pictures]
-    start = threading.Barrier(THREADS)
-
-    def work(thread: int) -> list[str]:
-        outcomes = []
-        start.wait()
-        for i in range(count):
-            which = (3 * thread + i) % len(pictures)
-            # Write to a new array, to a given array, and in place.
-            picture = pictures[which].copy()
-            out = (None, np.empty_like(picture), picture)[i % 3]
-            outcomes.append("the same bits" if apply(picture, out).tobytes() == expected[which] else "other bits")
-        return outcomes
-
-    with ThreadPoolExecutor(THREADS) as pool:
-        return Counter(state for states in pool.map(work, range(THREADS)) for state in states)
-
-
-def in_process(method: str, limit: float = 60.0) -> Counter[str]:
-    """Use solvers and `deblur` in a process that is forked or spawned by one that used them before."""
-    picture = noise(1)[0]
-    mine = used()
-    expected = {name: apply(picture).tobytes() for name, apply in mine.items()}
-    context, outcomes = get_context(method), Counter[str]()
-    # A forked process inherits the solvers while another thread of the parent uses them.
-    busy, working = threading.Event(), mine["banded"]
-    other = threading.Thread(target=lambda: [working(picture) for _ in iter(busy.is_set, True)])
-    other.start()
-    try:
-        queue = context.Queue()
-        arguments = (queue, mine if method == "fork" else None, picture)
-        process = context.Process(target=_answer, args=arguments)  # type: ignore[attr-defined]  # of both contexts
-        process.start()
-        try:
-            answers = queue.get(timeout=limit)
-            outcomes.update("the same bits" if answers[name] == expected[name] else "other bits" for name in expected)
-        except Exception:  # no answer in time
-            outcomes["no answer"] += 1
-            process.kill()
-        process.join()
-        outcomes[f"exit {process.exitcode}"] += 1
-    finally:
-        busy.set()
-        other.join()
-    return outcomes
-
-
 def used() -> dict[str, Apply]:
     """Return the solvers, and `deblur`."""
     return solvers(2) | {f"deblur, {mode}": partial(_deblur, mode=mode) for mode in ("banded", "rowwise")}
@@ -139,12 +87,42 @@ def _answer(queue: Any, inherited: dict[str, Apply] | None, picture: Image) -> N
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_threads_that_share_a_solver_get_the_bits_of_one(kind: str) -> None:
-    assert shared_by_threads(solvers(2)[kind], 3) == {"the same bits": 3 * THREADS}
+    apply, pictures, start = solvers(2)[kind], noise(THREADS), threading.Barrier(THREADS)
+    expected = [apply(picture) for picture in pictures]
+
+    def work(thread: int) -> None:
+        start.wait()
+        for i in range(3):
+            which = (3 * thread + i) % len(pictures)
+            # Write to a new array, to a given array, and in place.
+            picture = pictures[which].copy()
+            out = (None, np.empty_like(picture), picture)[i % 3]
+            np.testing.assert_array_equal(apply(picture, out), expected[which])
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        list(pool.map(work, range(THREADS)))
 
 
 @pytest.mark.parametrize("method", ["fork", "spawn"])
 def test_other_processes_get_the_same_bits(method: str) -> None:
-    assert in_process(method) == {"the same bits": len(KINDS) + 2, "exit 0": 1}
+    """A forked process inherits the solvers while another thread of the parent uses them."""
+    picture, mine, context = noise(1)[0], used(), get_context(method)
+    expected = {name: apply(picture).tobytes() for name, apply in mine.items()}
+    done, working = threading.Event(), mine["banded"]
+    other = threading.Thread(target=lambda: [working(picture) for _ in iter(done.is_set, True)])
+    other.start()
+    queue = context.Queue()
+    arguments = (queue, mine if method == "fork" else None, picture)
+    process = context.Process(target=_answer, args=arguments)  # type: ignore[attr-defined]  # of both contexts
+    try:
+        process.start()
+        assert queue.get(timeout=60) == expected
+        process.join()
+        assert process.exitcode == 0
+    finally:
+        process.kill()
+        done.set()
+        other.join()
 
 
 def in_a_fork(work: Callable[[], Any]) -> int:
@@ -213,23 +191,3 @@ def test_a_function_that_a_solver_calls_may_not_use_it() -> None:
         call(lambda *_: None)  # The refusal leaves the solver as it was.
     with pytest.raises(InputError, match="the solver is at work on a picture"):
         wiener.apply(PICTURE, progress=lambda _: wiener.replan(bank))
-
-
-def test_after_a_failure_no_thread_is_at_work() -> None:
-    team, begun, done = ThreadTeam(3), threading.Event(), []
-
-    def block(thread: int, task: int) -> None:
-        if task == 0:
-            begun.wait()
-            raise ValueError("a task's fault")
-        begun.set()
-        threading.Event().wait(0.05)
-        done.append(task)
-
-    with pytest.raises(ValueError, match="a task's fault"):
-        team.share(block, range(1000))
-    finished = len(done)
-    assert finished < 1000
-    # Tasks under way at the failure have finished, and no later one starts.
-    team.share(lambda thread, task: None, range(9))
-    assert len(done) == finished

@@ -100,7 +100,6 @@ def mapped(file: BinaryIO, size: int) -> Picture | None:
         place = _place(page, size)
         if place is None:
             return None
-        file.seek(0)
         return of_tiff(page, np.memmap(file, mode="r", **place), *exif_block(file))
 
 
@@ -168,6 +167,7 @@ def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None
 
 def exif_block(file: BinaryIO) -> tuple[bytes | None, str]:
     """Return the descriptive tags of a TIFF file as an EXIF block, None if there are none, and what is lost of them."""
+    file.seek(0)
     # Offsets in EXIF blocks have 32 bits.
     if file.read(4) in BIG_MAGIC:
         return None, ""

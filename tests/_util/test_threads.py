@@ -11,8 +11,6 @@ import pytest
 
 from rsdeblur import Camera, Exposure, InputError, PsfBank, deblur
 from rsdeblur._util.threads import ThreadTeam, beside, share, share_blocks, share_range
-from rsdeblur.kernels.raster import rasterize
-from rsdeblur.kernels.warp import average_warps
 from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.simulation.shake import hand_shake
 
@@ -120,23 +118,6 @@ def test_an_interrupt_waits_for_the_tasks_of_other_threads_and_comes_before_the_
         share(work, range(1000), 3)
     assert begun == ended
     assert len(ended) < 1000
-
-
-def test_threads_are_a_positive_number() -> None:
-    with pytest.raises(InputError, match="threads must be at least 1"):
-        share(lambda thread, task: None, range(5), 0)
-
-
-@ANYWHERE
-def test_drawing_and_warping_give_the_same_bits(threads: int) -> None:
-    rng = np.random.default_rng(3)
-    paths = np.cumsum(rng.normal(0, 0.3, (33, 20, 2)), axis=1).clip(-8, 8)
-    np.testing.assert_array_equal(rasterize(paths, 9, 9, threads), rasterize(paths, 9, 9))
-    coefficients = rng.random((20, 30, 3), dtype=np.float32)
-    warps = np.eye(3) + rng.normal(0, 1e-3, (20, 4, 3, 3))
-    np.testing.assert_array_equal(
-        average_warps(coefficients, warps, 30, threads), average_warps(coefficients, warps, 30)
-    )
 
 
 @pytest.mark.parametrize("mode", ["global", "banded", "rowwise"])

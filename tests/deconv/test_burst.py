@@ -46,17 +46,6 @@ def test_one_frame_is_the_solver_of_one_picture(picture: np.ndarray, wiener: boo
     np.testing.assert_allclose(got, expected, atol=2e-5)
 
 
-def test_without_pictures_nothing_is_solved(picture: np.ndarray) -> None:
-    burst = BurstQuadratic([bar(3, 4), bar(1, 2)], [0.5, 0.5], SHAPE)
-    with pytest.raises(InputError, match="the solver holds no picture"):
-        burst.solve(0.1)
-    with pytest.raises(InputError, match="planned for 2 pictures, got 1"):
-        burst.apply([picture], prior=TV)
-    # The sums of a burst that lacks a frame are those of no burst.
-    with pytest.raises(InputError, match="the solver holds no picture"):
-        burst.solve(0.1)
-
-
 def test_equal_frames_are_one_and_their_order_is_free(picture: np.ndarray) -> None:
     bank, other = bar(3, 4), bar(1, 2)
     once = BurstQuadratic([bank, other], [0.5, 0.5], SHAPE).apply([picture, picture], prior=TV)

@@ -23,7 +23,7 @@ from rsdeblur import (
     simulate,
 )
 from rsdeblur.deconv import DerivativePrior, TileQuadratic
-from rsdeblur.deconv.chroma import LEAST_SIZE, LUMA_STRENGTH, halved, luma_share, suits_half
+from rsdeblur.deconv.chroma import LUMA_STRENGTH, halved, luma_share
 from rsdeblur.kernels.chroma import separate
 from rsdeblur.pipeline.solver import Chunk, PictureSolver, Strengths
 
@@ -32,17 +32,13 @@ SHAPE = 121, 161, 3
 PRIORS = "wiener", "gradient", "tv", "hyper-laplacian"
 
 
-def quiet(_: float) -> None:
-    """Ignore the progress."""
-
-
 def bank_of(start, **options):
     return psfs(LOG, CAMERA, Exposure(start, 0.04), **({"bands": 5, "strips": 3} | options))
 
 
-def restored(solver, light, progress=quiet):
+def restored(solver, light):
     # Solvers may overwrite the light.
-    return solver(light.copy(), progress)
+    return solver(light.copy(), lambda _: None)
 
 
 def solver_of(bank, prior, chroma="half"):
@@ -101,20 +97,6 @@ def test_half_a_bank():
     np.testing.assert_allclose(half.displacements[1, 0] * 2, 0.75 * near + 0.25 * far)
 
 
-def test_one_tile_stays_one():
-    bank = bank_of(0.08, mode="global")
-    half = halved(bank, threads=None)
-    assert half.kernels.shape[:2] == (1, 1)
-    np.testing.assert_array_equal(half.displacements * 2, bank.displacements)
-
-
-def test_a_padded_bank_stays_padded():
-    bank = bank_of(0.08)
-    padded = bank.padded((bank.size[0] + 8, bank.size[1] + 4))
-    size = halved(padded, threads=None).size
-    assert np.subtract(size, halved(bank, threads=None).size).tolist() == [4, 2]
-
-
 def test_colours_lose_little(capture):
     recording = LOG, CAMERA, Exposure(0.08, 0.04)
     results = [deblur(capture.blurred, *recording, chroma=chroma) for chroma in ("full", "half", "auto")]
@@ -127,21 +109,6 @@ def test_colours_lose_little(capture):
     assert gains[1] > gains[0] - 0.5
     luma = [separate(image)[0] for image in (truth, full, half)]
     assert np.square(luma[2] - luma[0]).mean() < 1.1 * np.square(luma[1] - luma[0]).mean()
-
-
-def test_progress_only_rises(capture):
-    done = []
-    restored(solver_of(bank_of(0.08), "hyper-laplacian"), capture.blurred, done.append)
-    assert done == sorted(done)
-    assert done[-1] == pytest.approx(1.0)
-
-
-def test_what_suits_it():
-    size = LEAST_SIZE, LEAST_SIZE - 2
-    assert suits_half(size, SHAPE)
-    assert not suits_half((LEAST_SIZE - 2, LEAST_SIZE - 2), SHAPE)
-    assert not suits_half(size, (121, 161, 1))
-    assert not suits_half(size, (7, 9, 3))
 
 
 def test_own_kernels_have_full_colours_and_paths_may_have_half(capture):

@@ -44,14 +44,6 @@ def test_even_pictures_stay_as_they_are(level: float) -> None:
     np.testing.assert_allclose(cnn_denoise(image, SIGMA), image, atol=1e-5 * max(level, SIGMA))
 
 
-def test_blocks_have_no_seams(monkeypatch: pytest.MonkeyPatch) -> None:
-    _, image = noisy(90, 110)
-    whole = cnn_denoise(image, SIGMA)
-    monkeypatch.setattr(cnn, "BLOCK", (32, 40))
-    # Rounding alone: the order of sums depends on the size of a block.
-    np.testing.assert_allclose(cnn_denoise(image, SIGMA), whole, atol=2e-6)
-
-
 def test_the_halo_is_as_wide_as_needed() -> None:
     """What is beyond the halo changes nothing, and what is within does."""
     _, image = noisy(4 * HALO, 4 * HALO, 1)

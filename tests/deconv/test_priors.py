@@ -93,20 +93,6 @@ def test_global_is_the_equation(blurred: np.ndarray, beta: float) -> None:
 
 
 @pytest.mark.parametrize("grid", [(1, 1), (4, 3)])
-def test_where_the_result_goes_changes_nothing(blurred: np.ndarray, grid: tuple[int, int]) -> None:
-    own = solver(kernels=np.broadcast_to(kernel(), (*grid, *kernel().shape)).copy(), border="blend")
-    own.prepare(blurred)
-    pull = np.random.default_rng(4).normal(0, 0.1, (H, W, 3)).astype(np.float32)
-    kept, other = pull.copy(), np.full_like(pull, np.nan)
-    expected = own.solve(0.1, pull)
-    np.testing.assert_array_equal(pull, kept)
-    assert own.solve(0.1, pull, out=other) is other
-    assert own.solve(0.1, pull, out=pull) is pull
-    np.testing.assert_array_equal(other, expected)
-    np.testing.assert_array_equal(pull, expected)
-
-
-@pytest.mark.parametrize("grid", [(1, 1), (4, 3)])
 @pytest.mark.parametrize("border", ["blend", "periodic"])
 def test_without_blur_the_picture_and_its_gradient_agree(sharp: np.ndarray, grid: tuple[int, int], border: str) -> None:
     kernels = np.zeros((*grid, 5, 7), dtype=np.float32)
@@ -188,44 +174,6 @@ def test_second_derivatives_restore_slopes() -> None:
     assert error("hyper-laplacian") < error("tv")
 
 
-def test_threads_change_nothing(blurred: np.ndarray) -> None:
-    kernels = np.broadcast_to(kernel(), (3, 2, 7, 11))
-    one, three = (
-        restore(solver(kernels=kernels, border="blend", threads=n), blurred, prior="tv", weight=0.01) for n in (1, 3)
-    )
-    np.testing.assert_array_equal(one, three)
-
-
-@pytest.mark.parametrize("grid", [(1, 1), (3, 4)])
-def test_equations_computed_by_the_first_solve_are_those_of_prepare(blurred: np.ndarray, grid: tuple[int, int]) -> None:
-    deconvolver = solver(kernels=np.broadcast_to(kernel(), (*grid, 7, 11)))
-    prior = DerivativePrior("tv", 0.01, peak=1.0)
-    at_once = deconvolver.apply(blurred, prior=prior)
-    deconvolver.prepare(blurred)
-    np.testing.assert_array_equal(at_once, prior.restore(deconvolver))
-
-
-class Interrupted(Exception):
-    pass
-
-
-class StopsBeforeSolving:
-    def with_peak_of(self, image: np.ndarray) -> StopsBeforeSolving:
-        return self
-
-    def restore(self, solver: TileQuadratic, **options: object) -> np.ndarray:
-        raise Interrupted
-
-
-def test_a_picture_that_was_never_solved_is_forgotten(sharp: np.ndarray, blurred: np.ndarray) -> None:
-    deconvolver, expected = solver(), solver()
-    with pytest.raises(Interrupted):
-        deconvolver.apply(sharp, prior=StopsBeforeSolving())
-    for each in (deconvolver, expected):
-        each.prepare(blurred)
-    np.testing.assert_array_equal(deconvolver.solve(0.1), expected.solve(0.1))
-
-
 def test_a_settled_picture_stops_early() -> None:
     flat = np.full((H, W, 3), 0.4, dtype=np.float32)
     fractions: list[float] = []
@@ -249,10 +197,8 @@ def test_gradients_that_all_vanish_stop_nothing() -> None:
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"prior": "wiener"}, "kind must be one of"),
-        ({"prior": "lasso"}, "kind must be one of gradient, hyper-laplacian, tv; got 'lasso'"),
+        ({"prior": "lasso"}, "kind must be one of gradient, hyper-laplacian, tv"),
         ({"weight": 0.0}, "weight must be greater than 0"),
-        ({"exponent": 0.0}, "exponent must be greater than 0"),
         ({"exponent": 1.5}, "exponent must be at most 1"),
     ],
 )
@@ -269,14 +215,10 @@ def test_bad_solvers_and_pictures_are_refused(blurred: np.ndarray) -> None:
         solver().solve(1.0)
     with pytest.raises(InputError, match="planned shape"):
         restore(solver(), blurred[1:], prior="gradient", weight=0.01)
-    for bad in (np.full_like(blurred, np.nan), np.where(blurred == blurred[1, 1], np.inf, blurred)):
-        with pytest.raises(InputError, match="image must be finite"):
-            restore(solver(), bad, prior="gradient", weight=0.01)
-    for encoded in (blurred.astype(np.uint8), blurred.astype(int).tolist(), blurred > 0.5, blurred.astype(complex)):
-        with pytest.raises(InputError, match=r"linear light as floats|real numbers"):
-            restore(solver(), encoded, prior="gradient", weight=0.01)
-    with pytest.raises(InputError, match="out must be a float32 array"):
-        solver().apply(blurred, out=np.empty(blurred.shape), prior=DerivativePrior("tv", 0.01))
+    with pytest.raises(InputError, match="image must be finite"):
+        restore(solver(), np.where(blurred == blurred[1, 1], np.inf, blurred), prior="gradient", weight=0.01)
+    with pytest.raises(InputError, match="linear light as floats"):
+        restore(solver(), blurred.astype(np.uint8), prior="gradient", weight=0.01)
 
 
 @pytest.mark.parametrize("prior", ["gradient", "tv"])

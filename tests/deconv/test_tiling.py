@@ -74,13 +74,6 @@ def test_a_single_periodic_tile_has_exactly_its_length(n):
     assert (tiling.length, tiling.taper) == (n, 0)
 
 
-def test_tiles_with_wide_margins_span_all_but_never_more():
-    tiling = Tiling.plan(tile_centres(4, N), N, 9, 800, periodic=False)
-    single = Tiling.plan(tile_centres(1, N), N, 9, 400, periodic=False)
-    assert (tiling.length, tiling.taper) == (single.length, single.taper)
-    assert {tile.start for tile in tiling.tiles} == {0}
-
-
 def test_weights_interpolate_linearly():
     centres = np.array([10.0, 14.0, 30.5])
     values = np.array([3.0, -1.0, 7.0])

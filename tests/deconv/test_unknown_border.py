@@ -64,17 +64,6 @@ def test_conjugate_gradients_lead_to_the_minimiser_of_the_recorded_pixels(beta: 
             np.testing.assert_allclose(found[..., channel], expected, atol=2e-3 if beta < 0.1 else 2e-4)
 
 
-def test_each_step_comes_closer(monkeypatch: pytest.MonkeyPatch) -> None:
-    target, errors = np.full((*SHAPE, 2), 0.5, dtype=np.float32), []
-    expected = minimiser(guess(1)[..., 0].astype(float), target[..., 0], 0.05)
-    for steps in range(5):
-        monkeypatch.setattr(unknown_border, "STEPS", steps)
-        plan = solver()
-        plan.prepare(guess(1))
-        errors.append(np.linalg.norm(plan.solve(0.05, target.copy(), TO_PICTURE)[..., 0] - expected))
-    assert np.all(np.diff(errors) < 0)
-
-
 def test_what_is_consistent_stays_as_it_is() -> None:
     plan = solver(nsr=0.01)
     plan.prepare(np.full((*SHAPE, 2), 0.4, dtype=np.float32))
@@ -88,11 +77,6 @@ def test_any_number_of_threads_gives_the_same_bits() -> None:
         plan.prepare(guess(1))
         results.append(plan.solve(0.05, None))
     np.testing.assert_array_equal(*results)
-
-
-def test_a_solver_without_a_picture_says_so() -> None:
-    with pytest.raises(InputError, match="holds no picture"):
-        solver().solve(0.1, None)
 
 
 @pytest.fixture(scope="module")

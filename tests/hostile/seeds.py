@@ -395,8 +395,9 @@ def npys() -> list[bytes]:
     return files
 
 
-def dng() -> bytes:
-    """Return the smallest DNG: a mosaic and the camera's colours."""
+def dng(mosaic: NDArray[Any] | None = None, orientation: int = 1) -> bytes:
+    """Return the smallest DNG: an RGGB mosaic of a camera whose primaries are those of sRGB."""
+    mosaic = picture((24, 32), "uint16") if mosaic is None else mosaic.astype(np.uint16)
     xyz = (32406, -15372, -4986, -9689, 18758, 415, 557, -2040, 10570)
     tags = [
         (50706, "B", 4, (1, 4, 0, 0), True),
@@ -407,8 +408,9 @@ def dng() -> bytes:
         (50778, "H", 1, 21, True),
         (50728, "2I", 3, (1, 1, 1, 1, 1, 1), True),
         (50717, "H", 1, 65535, True),
+        (274, "H", 1, orientation, True),
     ]
-    return tiff(picture((24, 32), "uint16"), photometric=32803, extratags=tags, metadata=None)
+    return tiff(mosaic, photometric=32803, extratags=tags, metadata=None)
 
 
 def heic() -> bytes:

@@ -49,13 +49,6 @@ def test_grey_is_the_mean_light_without_alpha(channels):
     np.testing.assert_allclose(encoded.grey(slice(2, 8)), encoded.linear(slice(2, 8)).mean(axis=2), atol=1e-6)
 
 
-def test_small_pictures_keep_their_size():
-    picture = np.random.default_rng(0).random((90, 120))
-    same, camera = reduced(picture, CAMERA, 2048)
-    np.testing.assert_array_equal(same, picture.astype(np.float32))
-    assert camera is CAMERA
-
-
 def test_the_order_of_bytes_does_not_matter():
     values = np.arange(12, dtype=np.uint16).reshape(3, 4)
     np.testing.assert_array_equal(EncodedImage.of(values.astype(">u2")).values, EncodedImage.of(values).values)

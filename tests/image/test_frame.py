@@ -23,12 +23,3 @@ def test_pictures_are_reduced_as_by_scikit_image(scale):
     # Horizontal readout turns the reduced picture a quarter clockwise.
     turned = upright(light, replace(camera, readout_direction="left-right"), scale)
     np.testing.assert_allclose(turned, np.rot90(expected, -1), atol=1e-6)
-
-
-def test_reduced_pictures_have_the_size_of_their_camera():
-    """However it is rounded."""
-    for n in range(64, 400, 7):
-        camera = Camera(n, 401 - n, 100.0)
-        for scale in (0.37, 0.5, 0.77):
-            small = camera.scaled(scale)
-            assert upright(np.ones((401 - n, n), np.float32), camera, scale).shape == (small.height, small.width)

@@ -9,10 +9,8 @@ import pytest
 from scipy import ndimage
 
 import rsdeblur
-from rsdeblur import Camera, Exposure, GyroLog, InputError, Options, PsfBank, psfs, simulate
+from rsdeblur import Camera, Exposure, GyroLog, InputError, Options, PsfBank, simulate
 from rsdeblur.choices import Saturation
-from rsdeblur.deconv.wiener import TileBlur
-from rsdeblur.image import highlights as saturation
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import (
     HighlightSplit,
@@ -21,8 +19,6 @@ from rsdeblur.image.highlights import (
     are_lights,
     at_full_scale,
     find_spots,
-    separate_highlights,
-    small_spots,
 )
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import split_highlights
@@ -141,12 +137,6 @@ def test_spots_are_at_full_scale_with_what_touches_it() -> None:
     assert not at_full_scale(as_float).any()
 
 
-def test_a_picture_clipped_everywhere_is_left_alone() -> None:
-    white = EncodedImage(np.ones((32, 40, 3), dtype=np.float32), "linear")
-    kernels = np.full((1, 1, 1, 5), 0.2, dtype=np.float32)
-    assert not small_spots(find_spots(white), PsfBank.for_picture(kernels, white.shape))
-
-
 def test_overexposed_daylight_is_harmed_little(log: GyroLog) -> None:
     """White books and walls in the sun are clipped, too, but they are not lamps."""
     seen = simulate(5 * scene(168, 200), log, CAMERA, EXPOSURE, noise=0.003)
@@ -158,26 +148,6 @@ def test_overexposed_daylight_is_harmed_little(log: GyroLog) -> None:
     error, then = (np.square(image.clip(0, 1) - seen.rolling.clip(0, 1)).mean() for image in (plain, careful))
     # Measured: 1.006 times as large; 1.5 times if walls count as highlights.
     assert then < 1.1 * error
-
-
-def test_boxes_give_the_highlights_of_the_whole_picture(
-    night: Simulation, log: GyroLog, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A margin of twice the PSF is enough."""
-    stored = EncodedImage(night.blurred.clip(0, 1), "linear")
-    bank = psfs(log, CAMERA, EXPOSURE)
-    spots = find_spots(stored)
-    boxes = separate_highlights(stored, spots, bank)
-    assert sum(patch.remainder.size for patch in boxes.patches) < 0.8 * stored.values.size
-    monkeypatch.setattr(saturation, "MARGIN", 200)
-    whole = separate_highlights(stored, spots, bank)
-    assert whole.patches[0].remainder.shape == stored.shape
-    result, expected = (np.zeros(stored.shape, dtype=np.float32) for _ in range(2))
-    boxes.add_highlights(result, 0)
-    whole.add_highlights(expected, 0)
-    # For light of up to 10. Measured: 0.004 and 0.0008, because tiles fade at other places.
-    np.testing.assert_allclose(result, expected, atol=0.01)
-    np.testing.assert_allclose(boxes.remainder(slice(None)), whole.remainder(slice(None)), atol=2e-3)
 
 
 def test_patches_are_in_their_places() -> None:
@@ -201,17 +171,6 @@ def test_patches_are_in_their_places() -> None:
     assert together.any()
 
 
-def test_tile_blur_is_adjoint() -> None:
-    """One tile, periodic: <A u, g> = <u, A^T g>."""
-    rng = np.random.default_rng(0)
-    kernel = rng.random((1, 1, 5, 7), dtype=np.float32)
-    bank = PsfBank.for_picture(kernel / kernel.sum(), (30, 40))
-    blur = TileBlur(bank, (30, 40), border="periodic")
-    u, g = rng.random((2, 30, 40), dtype=np.float32)
-    # float32 sums of 1200 products
-    np.testing.assert_allclose(np.vdot(blur.forward(u), g), np.vdot(u, blur.adjoint(g)), rtol=1e-5)
-
-
 def test_memory_is_bounded_or_refused(night: Simulation, log: GyroLog) -> None:
     arguments = (night.blurred.clip(0, 1), log, CAMERA, EXPOSURE)
     whole = deblur(*arguments, nsr=0.01, saturation="always", prior="wiener")
@@ -219,11 +178,6 @@ def test_memory_is_bounded_or_refused(night: Simulation, log: GyroLog) -> None:
     np.testing.assert_array_equal(bounded.image, whole.image)
     with pytest.raises(InputError, match=r"max_memory is 1 MiB, but the highlights .* need \d+ MiB"):
         deblur(*arguments, saturation="always", max_memory=2**20, prior="wiener")
-
-
-def test_unknown_words_are_refused(night: Simulation, log: GyroLog) -> None:
-    with pytest.raises(InputError, match="saturation"):
-        deblur(night.blurred, log, CAMERA, EXPOSURE, saturation="maybe", prior="wiener")
 
 
 def test_frames_of_one_scene_are_separated_alike() -> None:

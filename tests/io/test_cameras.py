@@ -44,6 +44,10 @@ class TestAxes:
         np.testing.assert_array_equal(orientation("YxZ") @ raw, [2, -1, 3])
         np.testing.assert_array_equal(orientation("xzY") @ raw, [-1, -3, 2])
 
+    def test_a_camera_file_may_use_them(self, write: Write) -> None:
+        camera = read_camera(write('width = 4\nheight = 3\nfocal_length = 5\nimu_to_camera = "YxZ"\n', "camera.toml"))
+        np.testing.assert_array_equal(camera.imu_to_camera, imu_to_camera("phone-portrait"))
+
     @pytest.mark.parametrize("name", PRESETS)
     def test_presets_are_rotations_by_quarter_turns(self, name: str) -> None:
         assert np.linalg.det(imu_to_camera(name)) == pytest.approx(1)
@@ -55,18 +59,10 @@ class TestAxes:
             camera = camera.turned()
             np.testing.assert_allclose(camera.imu_to_camera, imu_to_camera(name), atol=1e-15)
 
-    @pytest.mark.parametrize("name", ["XYX", "AYZ", "XY", "phone", ""])
+    @pytest.mark.parametrize("name", ["XYX", "AYZ", "phone"])
     def test_others_are_refused(self, name: str) -> None:
         with pytest.raises(InputError, match=r"no IMU orientation|orientation must name"):
             Camera(4, 3, 5.0, imu_to_camera=name)
-
-    def test_mirrors_are_refused(self) -> None:
-        with pytest.raises(InputError, match="determinant -1"):
-            Camera(4, 3, 5.0, imu_to_camera="xZy")
-
-    def test_a_camera_file_may_use_them(self, write: Write) -> None:
-        camera = read_camera(write('width = 4\nheight = 3\nfocal_length = 5\nimu_to_camera = "YxZ"\n', "camera.toml"))
-        np.testing.assert_array_equal(camera.imu_to_camera, imu_to_camera("phone-portrait"))
 
 
 def profile(**changes: Any) -> dict[str, Any]:
@@ -94,15 +90,11 @@ class TestLensProfile:
         np.testing.assert_array_equal(camera.imu_to_camera, imu_to_camera("gyroflow"))
         assert any("submitted by a user" in assumption.text for assumption in file.assumptions)
 
-    def test_the_principal_point_counts_for_asymmetrical_lenses_only(self, write: Write) -> None:
+    def test_centre_model_and_crop(self, write: Write) -> None:
         assert open_camera(write(profile())).camera.principal_point == (199.5, 149.5)
         assert open_camera(write(profile(asymmetrical=True))).camera.principal_point == (190.0, 160.0)
-
-    def test_other_opencv_models_are_recognised_by_name(self, write: Write) -> None:
         camera = open_camera(write(profile(distortion_model="opencv_standard"))).camera
         assert (camera.distortion_model, camera.distortion) == ("radtan", (0.05, -0.02, 0.01, -0.003))
-
-    def test_crop_divides_the_focal_length(self, write: Write) -> None:
         assert open_camera(write(profile(crop=1.25))).camera.focal_length == (168.0, 168.8)
 
     @pytest.mark.parametrize(
@@ -127,11 +119,6 @@ class TestLensProfile:
     def test_an_implausible_readout_is_an_assumption(self, write: Write) -> None:
         assert "implausible" in open_camera(write(profile(frame_readout_time=0.41))).assumptions[0].text
         assert open_camera(write(profile(frame_readout_time=None, global_shutter=True))).assumptions == ()
-
-    def test_a_size_of_the_same_shape_scales(self, write: Write) -> None:
-        camera = open_camera(write(profile()), size=(200, 150)).camera
-        assert (camera.width, camera.focal_length, camera.principal_point) == (200, (105.0, 105.5), (99.5, 74.5))
-        assert camera.readout_time == 0.015
 
     def test_a_size_of_another_shape_is_scaled_by_its_width(self, write: Write) -> None:
         file = open_camera(write(profile()), size=(200, 100))
@@ -161,12 +148,8 @@ class TestLensProfile:
         assert open_camera(path, size=(200, 150)).camera.readout_time == 0.008
         fast = open_camera(path, size=(200, 150), fps=59.94).camera
         assert (fast.readout_time, fast.focal_length[0]) == (0.004, 84.0)
-        with pytest.raises(FileFormatError, match=r"settings of 100x75 differ; give the frame rate: 90\.0, 99\.0"):
+        with pytest.raises(FileFormatError, match=r"frame rate: 90\.0, 99\.0"):
             open_camera(path, size=(100, 75))
-
-    def test_four_zeros_are_a_pinhole(self, write: Write) -> None:
-        params = profile()["fisheye_params"] | {"distortion_coeffs": [0.0] * 4}
-        assert open_camera(write(profile(fisheye_params=params))).camera.distortion_model == "none"
 
     def test_a_polynomial_that_turns_back_in_the_corners_is_continued(self, write: Write) -> None:
         # It turns back at 1.075 focal lengths; the picture's sides are at 0.95, its corners at 1.18.
@@ -179,17 +162,16 @@ class TestLensProfile:
     @pytest.mark.parametrize(
         ("changes", "message"),
         [
-            ({"fisheye_params": {"camera_matrix": []}}, "contains no calibration"),
-            ({"calib_dimension": {"w": 0, "h": 0}}, "contains no calibration"),
-            ({"distortion_model": "poly3"}, "lens model poly3 .* is not supported"),
-            ({"digital_lens": "gopro_superview"}, r"bends the picture digitally \(gopro_superview\)"),
-            ({"input_horizontal_stretch": 1.33}, "stretches the picture"),
-            ({"fisheye_params": {"camera_matrix": [[1, 2], [3, 4]]}}, "contains no calibration"),
-            ({"crop": "half"}, "the lens profile: damaged"),
+            ({"calib_dimension": {"w": 0, "h": 0}}, "no calibration"),
+            ({"fisheye_params": {"camera_matrix": [[1, 2], [3, 4]]}}, "no calibration"),
+            ({"distortion_model": "poly3"}, "poly3"),
+            ({"digital_lens": "gopro_superview"}, "gopro_superview"),
+            ({"input_horizontal_stretch": 1.33}, "stretches"),
+            ({"crop": "half"}, "damaged"),
         ],
     )
     def test_faults(self, write: Write, changes: dict[str, Any], message: str) -> None:
-        with pytest.raises(FileFormatError, match=rf"camera\.yaml: {message}|camera\.yaml: .*{message}"):
+        with pytest.raises(FileFormatError, match=rf"camera\.yaml: .*{message}"):
             open_camera(write(profile(**changes)))
 
     def test_a_project_adds_size_readout_and_clock(self, write: Write) -> None:
@@ -295,24 +277,23 @@ distortion_coefficients: [-0.05, 0.001, 0.001, -0.002]
         path = write(CHAIN + CHAIN.replace("cam0", "cam1").replace("210.0", "220.0"))
         assert open_camera(path, name="cam1").camera.focal_length[0] == 220.0
         assert "2 cameras (cam0, cam1); cam0 is used" in open_camera(path).assumptions[0].text
-        with pytest.raises(FileFormatError, match="no camera 'cam7' in the file, only cam0, cam1"):
+        with pytest.raises(FileFormatError, match=r"'cam7' .* cam0, cam1"):
             open_camera(path, name="cam7")
 
     @pytest.mark.parametrize(
         ("change", "message"),
         [
-            (("pinhole", "omni"), "camera model 'omni' is not supported"),
-            (("radtan", "fov"), "distortion model 'fov' is not supported"),
+            (("pinhole", "omni"), "camera model 'omni'"),
+            (("radtan", "fov"), "distortion model 'fov'"),
             (("[400, 300]", "[400]"), "cam0: damaged or incomplete"),
-            (("intrinsics", "intrinsic"), "cam0: damaged or incomplete, KeyError"),
-            (("[210.0", "[a"), "cam0: damaged or incomplete"),
+            (("intrinsics", "intrinsic"), "cam0: damaged or incomplete"),
             (("[210.0", "[-210.0"), "cam0: focal_length must be positive"),
             (("[-1.0, 0.0, 0.0, 0.2]", "[1.0, 0.0, 0.0, 0.2]"), "determinant -1"),
             (("cam0:", "cam0: ["), "not YAML"),
         ],
     )
     def test_faults(self, write: Write, change: tuple[str, str], message: str) -> None:
-        with pytest.raises(FileFormatError, match=rf"camera\.yaml: .*{message}|camera\.yaml: {message}"):
+        with pytest.raises(FileFormatError, match=rf"camera\.yaml: .*{message}"):
             open_camera(write(CHAIN.replace(*change)))
 
     def test_without_pyyaml(self, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -360,10 +341,9 @@ class TestExif:
     @pytest.mark.parametrize(
         ("tags", "message"),
         [
-            ({}, "contains no focal length in px"),
-            ({"focal_length": 4.2}, "only 4.2 mm"),
+            ({}, "no focal length in px"),
             ({"f35": 0, "focal_length": 4.2}, "only 4.2 mm"),
-            ({"focal_length": 135.0, "resolution": 4438.0, "unit": 2}, "was resized since it was taken"),
+            ({"focal_length": 135.0, "resolution": 4438.0, "unit": 2}, "was resized"),
         ],
     )
     def test_refusals(self, tmp_path: Path, tags: dict[str, Any], message: str) -> None:
@@ -374,19 +354,10 @@ class TestExif:
 SAMPLES = {
     "gyroflow-lens-profile/Apple_iPhone 14 Pro_Main 24mm_24mm 24fps_4k_16by9_3840x2160-24.00fps.json": (
         "gyroflow-lens", (3840, 2160), 3155.09, 0.0, "fisheye"),
-    "gyroflow-lens-profile/Canon_C80_Nisi Athena 18mm PL__C4k_1.90by1_4096x2160-29.97fps.json": (
-        "gyroflow-lens", (4096, 2160), 2111.74, 0.00791, "fisheye"),
-    "gyroflow-lens-profile/GoPro_HERO6 Black_Wide_NO-EIS_16by9.json": (
-        "gyroflow-lens", (3840, 2160), 1755.15, 0.00834167, "fisheye"),
-    "gyroflow-lens-profile/RunCam_5_Orange_4k_16by9_3840x2160-29.97fps.json": (
-        "gyroflow-lens", (3840, 2160), 2085.06, 0.01585, "fisheye"),
     "gyroflow-lens-profile/S25Ultra_23mm_3840x2160.json": ("gyroflow-lens", (3840, 2160), 2655.16, 0.0145, "fisheye"),
-    "gyroflow-lens-profile/Sony_Xperia 5II_16mm_MotionCam_C4k_16by9_4032x2272-24.00fps.json": (
-        "gyroflow-lens", (4032, 2272), 1947.715, 0.00415282, "fisheye"),
     "kalibr/euroc_mav_kalibr_imucam_chain.yaml": ("kalibr", (752, 480), 458.654, 0.0, "radtan"),
     "kalibr/fisheye-stereo.yaml": ("kalibr", (960, 800), 608.221, 0.0, "fisheye"),
     "kalibr/rs_camchain_line_delay.yaml": ("kalibr", (640, 480), 700.038, 480 * 3.3966922363735363e-05, "fisheye"),
-    "kalibr/tum_vi_kalibr_imucam_chain.yaml": ("kalibr", (512, 512), 190.978, 0.0, "fisheye"),
     "exif/DSCN0010.jpg": ("exif", (640, 480), 112 / 43.267 * 800, 0.0, "none"),
     "exif/iphone_hdr_NO.jpg": ("exif", (3264, 2448), 57 / 43.267 * 4080, 0.0, "none"),
 }  # fmt: skip
@@ -401,29 +372,6 @@ def test_samples(data_dir: Path, name: str, expected: tuple[Any, ...]) -> None:
     assert (file.format, (camera.width, camera.height), camera.distortion_model) == (*expected[:2], expected[4])
     assert camera.focal_length[0] == pytest.approx(expected[2], abs=0.01)
     assert camera.readout_time == pytest.approx(expected[3])
-
-
-@pytest.mark.usefixtures("yaml")
-def test_the_axes_of_the_kalibr_samples(data_dir: Path) -> None:
-    # Both are IMU to camera; one file contains the inverse.
-    euroc = open_camera(data_dir / "formats/kalibr/euroc_mav_kalibr_imucam_chain.yaml").camera.imu_to_camera
-    np.testing.assert_allclose(euroc[0], [0.0148655, 0.9995572, -0.0257744], atol=1e-6)
-    tum = open_camera(data_dir / "formats/kalibr/tum_vi_kalibr_imucam_chain.yaml").camera.imu_to_camera
-    np.testing.assert_allclose(tum[0], [-0.9995250, 0.0296153, -0.0085223], atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("name", "reason"),
-    [
-        ("gyroflow-project/VID_20220615_110533_00_001.gyroflow", "contains no calibration"),
-        ("exif/Canon_40D.jpg", "was resized since it was taken"),
-        ("euroc/sensor.yaml", "unknown camera file format"),
-        ("gcsv/movie.gcsv", "the file does not contain the size"),
-    ],
-)
-def test_samples_that_are_refused(data_dir: Path, name: str, reason: str) -> None:
-    with pytest.raises(FileFormatError, match=reason):
-        open_camera(data_dir / "formats" / name)
 
 
 KEYS = (

@@ -45,9 +45,7 @@ FAULTS = {
     "colours": ("depth.npy", np.ones((2, 3, 3)), r"shape \(R, C\), found \(2, 3, 3\)"),
     "negative": ("depth.npy", -METRES, "must be positive, found -60 m"),
     "none known": ("depth.npy", np.zeros((2, 3)), "must be positive, found none"),
-    "empty": ("depth.npy", np.zeros((0, 3)), "must be positive, found none"),
     "complex": ("depth.npy", np.ones((2, 3), complex), "found complex128"),
-    "words": ("depth.npy", np.array([["near"]]), "found <U4"),
 }
 
 

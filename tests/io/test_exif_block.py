@@ -31,6 +31,7 @@ from rsdeblur.io.pictures import Picture, read_picture
 
 ARTIST = "Jürgen Жуков 写真".encode()
 COMMENT = b"UNICODE\0" + "größer".encode("utf-16-le")
+NOTES = b"MakerNote\0" + bytes(range(200))
 ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SIGNED = 2, 3, 4, 5, 7, 10
 Tags = dict[int, tuple[int, list[Any] | bytes]]
 GPS: Tags = {1: (ASCII, b"N\0"), 2: (RATIONAL, [(50, 1), (4, 1), (25, 2)])}
@@ -39,6 +40,7 @@ CAMERA: Tags = {
     0x829A: (RATIONAL, [(1, 20)]),
     0x9204: (SIGNED, [(-1, 3)]),
     0x9286: (UNDEFINED, COMMENT),
+    0x927C: (UNDEFINED, NOTES),
     0x9101: (UNDEFINED, b"\1\2\3\0"),
     0x920A: (RATIONAL, [(43, 10)]),
     0xA002: (SHORT, [400]),
@@ -88,10 +90,6 @@ def block(order: str = "<", thumbnail: bytes = b"") -> bytes:
     return b"Exif\0\0" + (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(f"{order}I", 8) + data
 
 
-def tags(exif: bytes) -> _exif_block.Table:
-    return of_block(exif)
-
-
 def values(table: _exif_block.Table) -> dict[Any, Any]:
     """Return all values with their types, as nested tables."""
     own: dict[Any, Any] = {tag: (table.ifd.tagtype[tag], table.ifd[tag]) for tag in table.ifd}
@@ -139,7 +137,7 @@ def test_every_value_comes_through(tmp_path: Path, exif: bytes, suffix: str, dty
         picture = read_picture(tmp_path / name)
         assert picture.pixels.dtype == dtype
         assert picture.exif is not None
-        assert numbered(values(tags(picture.exif))) == numbered(EXPECTED)
+        assert numbered(values(of_block(picture.exif))) == numbered(EXPECTED)
     with Image.open(tmp_path / f"a{suffix}") if dtype == "uint8" else Image.new("L", (1, 1)) as image:
         assert dtype != "uint8" or image.getexif()[315].encode("latin-1") == ARTIST
 
@@ -166,17 +164,17 @@ def test_a_thumbnail_is_replaced_where_it_is(tmp_path: Path) -> None:
 @BLOCKS
 def test_sizes_are_those_of_the_new_picture(exif: bytes) -> None:
     half = renewed(exif, 200, 150, lambda _: None)
-    camera = tags(half).tables[EXIF_TABLE].ifd
+    camera = of_block(half).tables[EXIF_TABLE].ifd
     assert (camera[0xA002], camera[0xA003]) == (200, 150)
     # The sensor stays as large, and so does the angle of view.
     assert Exif(half).focal_px(200, 150)[0] == pytest.approx(Exif(exif).focal_px(400, 300)[0] / 2, rel=1e-3)
-    assert tags(renewed(exif, 100_000, 300, lambda _: None)).tables[EXIF_TABLE].ifd[0xA002] == 100_000
+    assert of_block(renewed(exif, 100_000, 300, lambda _: None)).tables[EXIF_TABLE].ifd[0xA002] == 100_000
 
 
 @pytest.mark.parametrize("exif", [block(), block(">", OLD), None, b"", b"Exif\0\0nonsense"])
 def test_the_orientation_is_set(exif: bytes | None) -> None:
     for orientation in (1, 8):
-        main = values(tags(with_orientation(exif, orientation)))
+        main = values(of_block(with_orientation(exif, orientation)))
         assert main[ORIENTATION] == (SHORT, orientation)
         if exif and exif.startswith((b"Exif\0\0II", b"Exif\0\0MM")):
             assert {**main, ORIENTATION: 0} == {**EXPECTED, ORIENTATION: 0}
@@ -184,21 +182,20 @@ def test_the_orientation_is_set(exif: bytes | None) -> None:
 
 def test_an_orientation_is_added_to_a_block_without_one() -> None:
     exif = block().replace(struct.pack("<HH", ORIENTATION, SHORT), struct.pack("<HH", 275, SHORT))
-    main = values(tags(with_orientation(exif, 8)))
+    main = values(of_block(with_orientation(exif, 8)))
     assert main.pop(ORIENTATION) == (SHORT, 8)
     assert {**main, 275: 0} == {**{tag: value for tag, value in EXPECTED.items() if tag != ORIENTATION}, 275: 0}
 
 
-@pytest.mark.parametrize(("tag", "kind", "lost"), [(315, 129, "1 tags"), (0xA434, 99, "1 tags"), (271, 0, "1 tags")])
-def test_tags_that_a_tiff_cannot_carry_are_counted(tmp_path: Path, tag: int, kind: int, lost: str) -> None:
+@pytest.mark.parametrize(("tag", "kind"), [(315, 129), (0xA434, 99), (271, 0)])
+def test_tags_that_a_tiff_cannot_carry_are_counted(tmp_path: Path, tag: int, kind: int) -> None:
     exif = block().replace(struct.pack("<HH", tag, ASCII), struct.pack("<HH", tag, kind))
     pixels = np.zeros((3, 4), np.uint8)
-    write_picture(tmp_path / "a.png", pixels, like=Picture(pixels, exif))
-    with pytest.warns(RsdeblurWarning, match=lost):
+    with pytest.warns(RsdeblurWarning, match="1 tags"):
         write_picture(tmp_path / "a.tif", pixels, like=Picture(pixels, exif))
     kept = read_picture(tmp_path / "a.tif").exif
     assert kept is not None
-    main = values(tags(kept))
+    main = values(of_block(kept))
     assert len(main) + len(main[EXIF_TABLE]) == len(EXPECTED) + len(EXPECTED[EXIF_TABLE]) - 1
 
 
@@ -220,10 +217,10 @@ def test_no_damage_raises_anything_else(data: st.DataObject) -> None:
     assert len(renewed(damaged, 40, 30, lambda most: b"x" * most)) == len(damaged)
     assert with_orientation(damaged, 3)
     try:
-        main = tags(damaged)
+        main = of_block(damaged)
     except ValueError:
         return
-    assert values(tags(main.block())).keys() == values(main).keys()
+    assert values(of_block(main.block())).keys() == values(main).keys()
 
 
 def test_tiff_tags_of_big_endian_files_are_read(tmp_path: Path) -> None:
@@ -233,4 +230,4 @@ def test_tiff_tags_of_big_endian_files_are_read(tmp_path: Path) -> None:
     )
     picture = read_picture(path)
     assert picture.exif is not None
-    assert tags(picture.exif).ifd[315] == ARTIST
+    assert of_block(picture.exif).ifd[315] == ARTIST

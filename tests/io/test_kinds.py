@@ -15,6 +15,7 @@ from PIL import Image
 import rsdeblur
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.cameras import write_time_offset
+from tests.hostile import seeds
 from tests.installed import needs
 
 READERS: dict[str, Callable[[Path], Any]] = {
@@ -33,17 +34,7 @@ ADVICE = {
     "video": "give it to rsdeblur video",
 }
 TIMES = np.arange(40) * 5_000_000 + 1_560_000_000_000
-LENS = {
-    "calib_dimension": {"w": 320, "h": 240},
-    "fisheye_params": {"camera_matrix": [[350, 0, 160], [0, 350, 120], [0, 0, 1]], "distortion_coeffs": [0.1, 0, 0, 0]},
-}
-KALIBR = """cam0:
-  camera_model: pinhole
-  intrinsics: [350, 350, 160, 120]
-  resolution: [320, 240]
-  distortion_model: none
-  distortion_coeffs: []
-"""
+KALIBR = seeds.KALIBR[1].decode()
 
 
 def lines(pattern: str) -> str:
@@ -72,7 +63,7 @@ FILES: dict[str, list[tuple[str, str]]] = {
         ("camera.toml", "width = 320\nheight = 240\nfocal_length = 350\n"),
         ("camera.txt", "# phone\nwidth = 320\nheight = 240\nfocal_length = 350\n"),
         ("camchain.yaml", KALIBR),
-        ("lens.json", json.dumps(LENS)),
+        ("lens.json", json.dumps(seeds.PROFILE)),
     ],
     "trajectory": [
         ("poses.txt", lines("{s:.3f} 0 0 0.5 0 0 0 1")),
@@ -112,11 +103,14 @@ def test_the_right_reader_takes_each_file(tmp_path: Path, kind: str, name: str, 
 
 
 @pytest.mark.parametrize("reader", ["gyro log", "capture file", "trajectory"])
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".webp"])
-def test_pictures_are_named(tmp_path: Path, reader: str, suffix: str) -> None:
-    path = tmp_path / f"photo{suffix}"
-    Image.new("RGB", (8, 8)).save(path)
-    with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a picture; give it as the photo"):
+@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.tif", "a.webp", "a.heic"])
+def test_pictures_are_named(tmp_path: Path, reader: str, name: str) -> None:
+    path = tmp_path / name
+    if name == "a.heic":
+        path.write_bytes(b"\0\0\0\x18ftypheic" + bytes(64))
+    else:
+        Image.new("RGB", (8, 8)).save(path)
+    with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a picture; {ADVICE['picture']}"):
         READERS[reader](path)
 
 
@@ -124,19 +118,8 @@ def test_pictures_are_named(tmp_path: Path, reader: str, suffix: str) -> None:
 def test_videos_are_named(tmp_path: Path, reader: str) -> None:
     path = tmp_path / "clip.mp4"
     path.write_bytes(b"\0\0\0\x18ftypmp42" + bytes(64))
-    with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a video; give it to rsdeblur video"):
+    with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a video; {ADVICE['video']}"):
         READERS[reader](path)
-
-
-@pytest.mark.parametrize(("brand", "message"), [(b"heic", "it looks like a picture"), (b"avif", "the file is binary")])
-def test_pictures_that_begin_like_a_video_are_none(tmp_path: Path, brand: bytes, message: str) -> None:
-    path = tmp_path / "photo.bin"
-    path.write_bytes(b"\0\0\0\x18ftyp" + brand + bytes(64))
-    with pytest.raises(FileFormatError, match=f"not a gyro log: {message}"):
-        rsdeblur.read_gyro(path)
-    if brand == b"avif":
-        with pytest.raises(FileFormatError, match=r"not a JPEG, .* picture; convert other pictures first"):
-            rsdeblur.read_picture(path)
 
 
 @pytest.mark.parametrize("reader", ["capture file", "camera file", "trajectory", "picture"])
@@ -152,27 +135,20 @@ def test_archives_of_logger_apps_are_named(tmp_path: Path, reader: str) -> None:
         READERS[reader](path)
 
 
-@pytest.mark.parametrize("reader", ["gyro log", "camera file"])
-def test_json_that_was_cut_off_is_named(tmp_path: Path, reader: str) -> None:
-    (tmp_path / "x.json").write_text(json.dumps(LENS)[:-9])
-    with pytest.raises(FileFormatError, match="not JSON, or cut off"):
-        READERS[reader](tmp_path / "x.json")
-
-
-def test_a_file_of_kalibr_has_no_place_for_the_time_offset(tmp_path: Path) -> None:
-    needs("kalibr")
-    path = tmp_path / "camchain.yaml"
-    path.write_text(KALIBR)
-    with pytest.raises(FileFormatError, match=r"format kalibr has no place .* rsdeblur camera import .*\.yaml -o"):
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("camchain.yaml", KALIBR, "format kalibr has no place .* rsdeblur camera import"),
+        FILES["gyro log"][0] + ("it looks like a gyro log",),
+        ("camera.toml", "width = 320\n", "lacks height"),
+    ],
+)
+def test_only_a_camera_file_has_a_place_for_the_time_offset(
+    tmp_path: Path, name: str, content: str, message: str
+) -> None:
+    if name.endswith(".yaml"):
+        needs("kalibr")
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(FileFormatError, match=message):
         write_time_offset(path, 0.1)
-
-
-def test_only_a_camera_file_has_a_place_for_the_time_offset(tmp_path: Path) -> None:
-    path = tmp_path / "gyro.csv"
-    path.write_text("t,wx,wy,wz\n" + lines("{s:.3f},{x:.4f},0.1,0.2"))
-    with pytest.raises(FileFormatError, match="it looks like a gyro log"):
-        write_time_offset(path, 0.1)
-    own = tmp_path / "camera.toml"
-    own.write_text("width = 320\n")
-    with pytest.raises(FileFormatError, match="the camera file lacks height"):
-        write_time_offset(own, 0.1)

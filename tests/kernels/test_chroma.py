@@ -70,12 +70,6 @@ def test_a_smooth_picture_comes_back(kernels):
     np.testing.assert_allclose(again[2:-2, 2:-2], smooth[2:-2, 2:-2], atol=1e-3)
 
 
-def test_half_size_is_the_mean_of_four(kernels):
-    separate, _ = kernels
-    picture = np.random.default_rng(1).random((6, 4, 3), dtype=np.float32)
-    np.testing.assert_allclose(separate(picture)[1], picture.reshape(3, 2, 2, 2, 3).mean(axis=(1, 3)), atol=FLOAT32)
-
-
 def test_a_brighter_picture_comes_back_brighter(picture):
     """The constants are shares of the bright parts."""
     luma, half = chroma.separate(picture)

@@ -22,13 +22,6 @@ def test_the_kernel_equals_its_twin():
     assert np.isfinite(np.delete(found.reshape(-1, 3), 15, axis=0)).all()
 
 
-def test_a_row_between_two_has_half_of_both():
-    matrices = np.zeros((8, 12))
-    matrices[3, 3], matrices[4, 3] = 2.0, 4.0
-    # The first of eight poses is that of row -2.
-    assert row_directions(np.zeros((1, 3)), np.array([1.5]), matrices).tolist() == [[3.0, 0.0, 0.0]]
-
-
 def test_paths_of_a_pinhole_equal_their_twin():
     """With points behind the camera, and beyond the first and the last row."""
     random = np.random.default_rng(1)

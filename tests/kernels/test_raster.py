@@ -49,15 +49,6 @@ def test_numba_equals_numpy():
     )
 
 
-def test_numba_equals_numpy_on_grid_lines_and_turns():
-    # Corners on pixels, no motion, motion along a grid line, diagonally through pixels, back and forth.
-    path = [[0, 0], [3, 0], [3, 0], [3, 3], [0, 0], [-1, 2], [-1, 2.5], [-1, -2.5], [1e-13, 0], [11, 8], [-11, -8]]
-    paths = np.array([path], dtype=np.float64)
-    np.testing.assert_allclose(
-        rasterize(paths, HALF_HEIGHT, HALF_WIDTH), rasterize_numpy(paths, HALF_HEIGHT, HALF_WIDTH), rtol=0, atol=ATOL
-    )
-
-
 @pytest.mark.parametrize("path", random_paths(6))
 def test_energy_is_one_and_none_is_negative(raster, path):
     kernel = raster(path)
@@ -95,14 +86,6 @@ def test_a_straight_path_is_integrated_exactly(raster):
     np.testing.assert_allclose(raster([[0, 0], [1, 1]])[9:11, 12:14], [[1 / 3, 1 / 6], [1 / 6, 1 / 3]], atol=ATOL)
 
 
-def test_dwelling_gives_energy_in_proportion(raster):
-    # Three of four equal times are spent at (2, 1), the fourth on the way to (6, 1).
-    kernel = raster([[2, 1], [2, 1], [2, 1], [2, 1], [6, 1]])
-    row = 0.25 * np.array([0.5, 1, 1, 1, 0.5]) / 4
-    row[0] += 0.75
-    np.testing.assert_allclose(kernel[HALF_HEIGHT + 1, HALF_WIDTH + 2 : HALF_WIDTH + 7], row, atol=ATOL)
-
-
 @pytest.mark.parametrize("parts", [2, 3, 7])
 @pytest.mark.parametrize("path", random_paths(4, seed=2))
 def test_splitting_segments_changes_nothing(raster, path, parts):
@@ -119,19 +102,6 @@ def test_mirrors_and_time_reversal(raster, path):
     np.testing.assert_allclose(raster(path * [-1, 1]), kernel[:, ::-1], rtol=0, atol=ATOL)
     np.testing.assert_allclose(raster(path * [1, -1]), kernel[::-1], rtol=0, atol=ATOL)
     np.testing.assert_allclose(raster(path[::-1]), kernel, rtol=0, atol=ATOL)
-
-
-@pytest.mark.parametrize("path", random_paths(4, seed=4))
-def test_whole_pixels_shift_the_kernel(raster, path):
-    small, shift = 0.5 * path, np.array([3, -2])
-    np.testing.assert_allclose(raster(small + shift), np.roll(raster(small), shift, axis=(1, 0)), rtol=0, atol=ATOL)
-
-
-def test_kernels_do_not_touch_each_other():
-    paths = random_paths(8)
-    together = rasterize(paths, HALF_HEIGHT, HALF_WIDTH)
-    for k, path in enumerate(paths):
-        np.testing.assert_array_equal(rasterize(path[None].copy(), HALF_HEIGHT, HALF_WIDTH)[0], together[k])
 
 
 def test_reaches_the_edge_of_the_kernel():

@@ -75,22 +75,6 @@ def test_average_is_the_mean_over_time(average):
     np.testing.assert_allclose(average(coefficients, warps, WIDTH), np.mean(single, axis=0), atol=ATOL)
 
 
-def test_each_row_follows_its_own_warp(average):
-    coefficients, warps = spline(noise()), random_warps()
-    whole = average(coefficients, warps, WIDTH)
-    changed = warps.copy()
-    changed[7] = np.eye(3)
-    others = np.arange(HEIGHT) != 7
-    np.testing.assert_array_equal(average(coefficients, changed, WIDTH)[others], whole[others])
-
-
-def test_channels_are_independent(average):
-    picture, warps = noise(channels=3), random_warps()
-    whole = average(spline(picture), warps, WIDTH)
-    for c in range(3):
-        np.testing.assert_allclose(average(spline(picture[..., c]), warps, WIDTH)[..., 0], whole[..., c], atol=ATOL)
-
-
 def test_a_cubic_picture_is_interpolated_exactly(average):
     def picture(x, y):
         x, y = x / 64, y / 64

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import pickle
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from rsdeblur.choices import READOUT_DIRECTIONS
-from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
+from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 
@@ -75,19 +75,6 @@ class TestTurned:
         x1, y1 = np.rint(project(after, np.stack([-y, x, z], axis=1))).astype(int).T
         assert np.array_equal(turned[y1, x1], picture[points[:, 1], points[:, 0]])
 
-    def test_motion_commutes_with_turning(self, camera):
-        imu_angle = np.array([0.03, -0.02, 0.05])
-        after = camera.turned()
-
-        def moved(c, points):
-            # A far point moves by dX/dt = -omega x X.
-            return project(c, Rotation.from_rotvec(-c.imu_to_camera @ imu_angle).apply(directions(c, points)))
-
-        def turn(points):
-            return np.stack([camera.height - 1 - points[:, 1], points[:, 0]], axis=1)
-
-        np.testing.assert_allclose(moved(after, turn(POINTS)), turn(moved(camera, POINTS)), atol=1e-10)
-
     def test_rows_keep_their_times(self, camera):
         exposure, after = Exposure(1.0, 0.01), camera.turned()
         rows = np.arange(camera.lines)
@@ -106,10 +93,6 @@ class TestScaled:
         np.testing.assert_allclose(
             directions(small, (POINTS + 0.5) * ratio - 0.5), directions(camera, POINTS), atol=1e-12
         )
-
-    def test_times_are_kept(self, camera):
-        assert camera.scaled(0.5).readout_time == camera.readout_time
-        assert camera.scaled(0.5).time_offset == camera.time_offset
 
     def test_never_below_a_pixel(self, camera):
         tiny = camera.scaled(1e-4)
@@ -138,26 +121,9 @@ class TestCropped:
         whole = gyro_windows(camera, exposure, first + rows)
         np.testing.assert_allclose(gyro_windows(cut, exposure, rows), whole, atol=1e-14)
 
-    def test_cut_twice_is_cut_once(self, camera):
-        once, twice = camera.cropped(13, 7, 50, 40), camera.cropped(3, 2, 70, 60).cropped(10, 5, 50, 40)
-        for f in fields(Camera):
-            if f.name not in ("readout_direction", "distortion_model", "timestamp_marks"):
-                np.testing.assert_allclose(getattr(twice, f.name), getattr(once, f.name), atol=1e-14, err_msg=f.name)
-
-    def test_whole_picture_is_the_identity(self, camera):
-        assert camera.cropped(0, 0, 96, 64) == camera
-
     @pytest.mark.parametrize("box", [(50, 0, 47, 10), (0, 30, 10, 35)])
     def test_refuses_what_does_not_fit(self, camera, box):
         with pytest.raises(InputError, match=r"does not fit the picture.* 96x64"):
-            camera.cropped(*box)
-
-    @pytest.mark.parametrize(
-        ("box", "name"),
-        [((-1, 0, 5, 5), "left"), ((0, -1, 5, 5), "top"), ((0, 0, 0, 5), "width"), ((0, 0, 5, 2.5), "height")],
-    )
-    def test_names_the_argument(self, camera, box, name):
-        with pytest.raises(InputError, match=f"^{name} must be"):
             camera.cropped(*box)
 
 
@@ -166,19 +132,13 @@ class TestCropped:
     [
         ({"width": 0}, "width must be at least 1"),
         ({"height": 48.0}, "height must be a whole number"),
-        ({"width": True}, "width must be a whole number"),
-        ({"focal_length": 0.0}, "focal_length must be positive"),
         ({"focal_length": (80.0, -80.0)}, "focal_length must be positive"),
-        ({"focal_length": 1e-300}, r"at least 1e-12 px, got \(1e-300, 1e-300\)"),
-        ({"focal_length": math.nan}, "focal_length must be finite"),
-        ({"focal_length": (1.0, 2.0, 3.0)}, r"focal_length must have shape \(2\)"),
-        ({"focal_length": "80 px"}, "focal_length must be an array of real numbers"),
-        ({"principal_point": (1.0,)}, r"principal_point must have shape \(2\)"),
+        ({"focal_length": 1e-300}, "focal_length .* at least"),
+        ({"principal_point": (1.0,)}, "principal_point must have shape"),
         ({"readout_time": -0.01}, "readout_time must be at least 0"),
-        ({"readout_direction": "down"}, "readout_direction must be one of bottom-up, left-right, right-left, top-down"),
-        ({"imu_to_camera": np.eye(2)}, r"imu_to_camera must have shape \(3, 3\)"),
-        ({"imu_to_camera": 2 * np.eye(3)}, "imu_to_camera must be a rotation: .* perpendicular unit vectors"),
-        ({"imu_to_camera": np.ones((3, 3))}, "imu_to_camera must be a rotation"),
+        ({"readout_direction": "down"}, "readout_direction must be one of"),
+        ({"imu_to_camera": np.eye(2)}, "imu_to_camera must have shape"),
+        ({"imu_to_camera": 2 * np.eye(3)}, "imu_to_camera must be a rotation"),
         ({"time_offset": math.inf}, "time_offset must be finite"),
     ],
 )
@@ -230,30 +190,12 @@ class TestFile:
     @pytest.mark.parametrize(
         ("text", "message"),
         [
-            (
-                "width = 6\nheight = 4\nfocal_length = 8\nread_out = 0.1",
-                "unknown key 'read_out'; did you mean 'readout_time'?",
-            ),
-            ("width = 6\nheight = 4\nfocal_length = 8\nmaker = 'x'", "unknown key 'maker'; known keys are width,"),
-            ("width = 6\nreadout_time = 0.1", "the camera file lacks height, focal"),
-            ("", "the camera file lacks width, height, focal"),
-            ("width = 6\nheight 4", "not a TOML camera file: .*line 2"),
-            ("width = 6\nheight = 4\nfocal_length = 'long'", "focal_length must be an array of real numbers"),
-            ("width = 6.5\nheight = 4\nfocal_length = 8", "width must be a whole number, got 6.5"),
-            ("width = 6\nheight = 4\nfocal_length = -8", "focal_length must be positive"),
-            ("width = 6\nheight = 4\nfocal_length = 8\nreadout_time = [0.1]", "readout_time must be a number"),
-            ("width = 6\nheight = 4\nfocal_length = 8\nreadout_time = nan", "readout_time must be finite"),
-            ("width = 6\nheight = 4\nfocal_length = 8\nreadout_direction = 1", "readout_direction must be one of"),
-            (
-                "width = 6\nheight = 4\nfocal_length = 8\nimu_to_camera = [[1, 0], [0, 1]]",
-                "imu_to_camera must have shape",
-            ),
-            ("width = 6\nheight = 4\nfocal_length = [[1, 2], [3]]", "focal_length must be an array of real numbers"),
+            ("width = 6\nheight = 4\nfocal_length = 8\nread_out = 0.1", "'read_out'; did you mean 'readout_time'"),
+            ("width = 6\nreadout_time = 0.1", "lacks height, focal"),
+            ("width = 6\nheight 4", "TOML .*line 2"),
+            ("width = 6\nheight = 4\nfocal_length = 'long'", "focal_length must be"),
+            ("width = 6\nheight = 4\nfocal_length = 8\nreadout_direction = 1", "readout_direction must be"),
             # TOML allows integers of any length.
-            (
-                f"width = 6\nheight = 4\nfocal_length = 1{'0' * 400}",
-                "focal_length must be an array of real numbers: .* too large",
-            ),
             (f"width = 6\nheight = 4\nfocal_length = 8\ntime_offset = 1{'0' * 400}", "time_offset is too large"),
         ],
     )
@@ -262,22 +204,4 @@ class TestFile:
         path.write_text(text)
         with pytest.raises(FileFormatError, match=message) as caught:
             Camera.load(path)
-        assert str(caught.value).startswith(f"{path}: ")
-
-    def test_binary_missing_and_folder_are_named(self, tmp_path):
-        binary = tmp_path / "photo.jpg"
-        binary.write_bytes(bytes(range(256)))
-        for path, message in (
-            (binary, "not a TOML camera file: the text is not UTF-8"),
-            (tmp_path / "none.toml", "No such file"),
-            (tmp_path, "it is a folder"),
-        ):
-            with pytest.raises(FileFormatError, match=message) as caught:
-                Camera.load(path)
-            assert str(caught.value).startswith(f"{path}: ")
-
-    def test_unwritable_is_named(self, tmp_path):
-        path = tmp_path / "missing" / "camera.toml"
-        with pytest.raises(OutputError, match="cannot write the file") as caught:
-            Camera(64, 48, 80.0).save(path)
         assert str(caught.value).startswith(f"{path}: ")

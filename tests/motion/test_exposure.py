@@ -42,19 +42,6 @@ def test_lines_are_evenly_spaced_fractions_and_beyond_included(direction):
     np.testing.assert_allclose(np.diff(opens), sign * np.diff(rows) * 0.03 / camera.lines, atol=1e-14)
 
 
-@pytest.mark.parametrize("shape", [(), (5,), (2, 3)])
-def test_shaped_like_the_rows(shape):
-    opens, closes = EXPOSURE.window(np.full(shape, 7), camera_of("top-down"))
-    assert np.shape(opens) == np.shape(closes) == shape
-
-
-@pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
-def test_global_shutter_opens_all_at_once(direction):
-    opens, closes = EXPOSURE.window(np.arange(40), camera_of(direction, readout_time=0.0))
-    assert np.all(opens == 2.0)
-    assert np.all(closes == 2.01)
-
-
 @pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
 def test_span_holds_every_window_and_no_more(direction):
     camera = camera_of(direction)
@@ -73,10 +60,7 @@ def test_shifted():
     ("arguments", "message"),
     [
         ((0.0, 0.0), "duration must be greater than 0"),
-        ((0.0, -0.1), "duration must be greater than 0"),
         ((math.nan, 0.1), "start must be finite"),
-        ((0.0, math.inf), "duration must be finite"),
-        (("now", 0.1), "start must be a number"),
         ((0.0, 0.1, 1.7e18), "epoch_ns must be a whole number"),
         ((0.0, 0.1, 2**63), "epoch_ns must be nanoseconds in 64 bits"),
     ],

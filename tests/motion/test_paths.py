@@ -126,20 +126,6 @@ class TestAnchor:
 
 
 class TestSamples:
-    @pytest.mark.parametrize("motion", MOTIONS)
-    @pytest.mark.parametrize("focal_length", [110.0, 2000.0])
-    def test_auto_takes_four_per_pixel_and_two_per_gyro_interval(self, shaky_log, motion, focal_length):
-        camera = Camera(WIDTH, HEIGHT, focal_length, readout_time=0.03)
-        capture = Capture.from_log(shaky_log(), camera, EXPOSURE, motion=motion)
-        paths = BlurPaths.from_capture(capture, ROWS, COLS)
-        steps = paths.displacements.shape[2] - 1
-        # "auto" measures the length with fewer samples, which cut corners by less than 1 %.
-        assert steps >= 0.99 * 4 * paths.lengths.max()
-        assert steps >= 2 * len(capture.track.t)
-        # Whether the first sampling is fine enough (110 px) or another follows.
-        given = BlurPaths.from_capture(capture, ROWS, COLS, samples=steps + 1)
-        np.testing.assert_array_equal(paths.displacements, given.displacements)
-
     @pytest.mark.parametrize("seed", range(4))
     def test_doubling_them_changes_no_kernel(self, shaky_log, seed):
         capture = Capture.from_log(shaky_log(seed=seed), Camera(WIDTH, HEIGHT, 400.0, readout_time=0.03), EXPOSURE)
@@ -149,33 +135,6 @@ class TestSamples:
         kernels = [_kernels_of_size(paths, half) for paths in (auto, double)]
         # Half a percent of the energy may move, by a fraction of a pixel.
         assert np.abs(kernels[0] - kernels[1]).sum(axis=(2, 3)).max() < 5e-3
-
-    def test_a_number_is_taken(self, shaky_log):
-        assert paths_of(shaky_log(), camera_of(), samples=7).displacements.shape == (5, 3, 7, 2)
-
-    @pytest.mark.parametrize("samples", [1, 0, 2.0, "many"])
-    def test_refuses(self, shaky_log, samples):
-        with pytest.raises(InputError, match="samples must be"):
-            paths_of(shaky_log(), camera_of(), samples=samples)
-
-    @pytest.mark.parametrize(
-        ("arguments", "message"),
-        [
-            ({"motion": "paper"}, "motion must be one of rotation, small-angle; got 'paper'"),
-            ({"rows": 3.0}, r"rows must have shape \(n\), got \(\)"),
-            ({"cols": [0.0, np.nan]}, "cols must be finite"),
-        ],
-    )
-    def test_refuses_other_grids_and_motions(self, shaky_log, arguments, message):
-        with pytest.raises(InputError, match=message):
-            paths_of(shaky_log(), camera_of(), **arguments)
-
-    def test_times_are_even_and_hold_both_ends(self, shaky_log):
-        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
-        times = capture.times(ROWS, 5)
-        opens, closes = EXPOSURE.window(ROWS, camera_of())
-        np.testing.assert_allclose(times[:, [0, -1]], np.stack([opens, closes], axis=1), atol=1e-15)
-        np.testing.assert_allclose(np.diff(times, axis=1), EXPOSURE.duration / 4, atol=1e-15)
 
     def test_length_and_extent(self):
         corner = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, -1.0]])
@@ -212,19 +171,6 @@ class TestCapture:
             Capture.from_log(constant(0, 0, 0), camera, EXPOSURE)
         Capture.from_log(constant(0, 0, 0), camera.turned(), EXPOSURE)
 
-    def test_probe_and_poses_are_computed_once_and_not_copied(self, shaky_log):
-        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
-        assert capture.probe is capture.probe
-        assert capture.row_poses is capture.row_poses
-        smaller = replace(capture, camera=capture.camera.scaled(0.5))
-        assert smaller.probe.extent[1] == pytest.approx(capture.probe.extent[1] / 2, rel=0.05)
-        assert smaller.row_poses.camera is smaller.camera
-
-    def test_mid_is_between_open_and_close(self, shaky_log):
-        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
-        opens, closes = EXPOSURE.window(ROWS, camera_of())
-        np.testing.assert_allclose(capture.mid(ROWS), 0.5 * (opens + closes), atol=1e-15)
-
 
 class TestRowPoses:
     def test_a_row_is_projected_with_its_own_pose(self, shaky_log):
@@ -244,10 +190,6 @@ class TestRowPoses:
             u, v, w = capture.camera.matrix @ capture.track.at(capture.mid(np.array(row))) @ world
             np.testing.assert_allclose(capture.row_poses.project(world, np.array(row)), [u / w, v / w], atol=1e-9)
 
-    def test_a_picture_of_one_row(self, shaky_log):
-        capture = Capture.from_log(shaky_log(), Camera(WIDTH, 1, FOCAL, readout_time=0.01), EXPOSURE)
-        assert np.isfinite(capture.row_poses.project(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))).all()
-
     def test_a_lens_whose_coefficients_are_zero_is_a_pinhole(self, shaky_log):
         """Cameras without distortion have a kernel of their own."""
         plain = camera_of()
@@ -260,24 +202,9 @@ class TestRowPoses:
         # Rounding of coordinates of some 100 px, in three steps.
         np.testing.assert_allclose(*paths, atol=1e-11)
 
-    def test_rays_undo_the_projection(self):
-        camera = Camera(WIDTH, HEIGHT, (100.0, 120.0), (40.0, 30.0))
-        points = np.random.default_rng(0).uniform(0, 60, (4, 5, 2))
-        image = camera.rays(points) @ camera.matrix.T
-        np.testing.assert_allclose(image, np.concatenate([points, np.ones((4, 5, 1))], axis=-1), atol=1e-12)
-
 
 class TestChange:
     """Changes and curvatures, from which the numbers of bands and strips follow."""
-
-    @pytest.mark.parametrize("motion", MOTIONS)
-    def test_none_without_motion_or_change(self, motion):
-        still = Capture.from_log(constant(0, 0, 0), camera_of(), EXPOSURE, motion=motion)
-        # A small-angle path at a constant rate is the same everywhere.
-        turning = Capture.from_log(constant(0.3, -0.2, 0.1), camera_of(), EXPOSURE, motion="small-angle")
-        for probe in (still.probe, turning.probe):
-            # Roundings of 1e-13 px in projected positions, times the squared number of rows.
-            assert max(probe.change_down, probe.change_across, probe.curvature_down, probe.curvature_across) < 1e-8
 
     @pytest.mark.parametrize("motion", MOTIONS)
     @pytest.mark.parametrize("number", [2, 4, 8, 32])
@@ -315,18 +242,6 @@ class TestChange:
             # Curvature is measured at 33 and 9 positions, which may miss a little of the largest.
             assert error <= 1.05 * curvature / (8 * tiles**2) + 1e-3
 
-    @pytest.mark.parametrize(
-        "camera", [camera_of(), Camera(2048, 1536, 2250.0, readout_time=0.03)], ids=["small", "large"]
-    )
-    @pytest.mark.parametrize("seed", range(6))
-    def test_paths_change_no_faster_at_the_edges_than_inside(self, shaky_log, camera, seed):
-        """Poses continue beyond the picture; constant ones would bend the outer paths several times as much."""
-        probe = Capture.from_log(shaky_log(seed=seed), camera, EXPOSURE).probe
-        for order in (1, 2):
-            steps = np.linalg.norm(np.diff(probe.displacements, n=order, axis=0), axis=-1).max(axis=(1, 2))
-            # Perspective makes the outer rows change faster, by up to 8 % here.
-            assert max(steps[:2].max(), steps[-2:].max()) <= 1.2 * steps[2:-2].max()
-
 
 def _paths_with_the_times_of_the_probe(capture, rows, cols):
     samples = capture.probe.displacements.shape[2]
@@ -360,22 +275,3 @@ class TestRectify:
         since = (ROWS[:, None] - 31.5) / HEIGHT * 0.03 + np.linspace(-0.02, 0.02, 5)
         # Tolerance for the tangent, on a row that is a third of f away from the centre.
         np.testing.assert_allclose(paths.displacements[:, 0, :, 0], -FOCAL * 0.5 * since, atol=0.01)
-
-
-class TestBlurPaths:
-    """Paths as users give them."""
-
-    GRID = np.zeros((1, 1, 3, 2)), np.zeros(1), np.zeros(1)
-
-    def test_are_read_only_and_leave_the_given_array_as_it_is(self):
-        paths = BlurPaths(*self.GRID)
-        assert not any(values.flags.writeable for values in (paths.displacements, paths.rows, paths.cols))
-        assert all(values.flags.writeable for values in self.GRID)
-
-    def test_of_one_place_do_not_change(self):
-        paths = BlurPaths(*self.GRID)
-        assert max(paths.change_down, paths.change_across, paths.curvature_down, paths.curvature_across) == 0.0
-
-    def test_softness_out_of_range_is_refused(self):
-        with pytest.raises(InputError, match="softness"):
-            BlurPaths(*self.GRID, softness=np.nan)

@@ -58,22 +58,6 @@ def test_without_readout_it_is_the_identity(large, rate):
     assert coverage.all()
 
 
-def test_without_motion_it_is_the_identity(large):
-    log = GyroLog(np.linspace(0, 0.4, 81), np.zeros((81, 3)))
-    image = large[:HEIGHT, :WIDTH]
-    rectified, coverage = rectify(image, Capture.from_log(log, camera_of(), EXPOSURE))
-    np.testing.assert_allclose(rectified, image, atol=3e-6)
-    assert coverage.all()
-
-
-def test_the_middle_row_stays(large, shaky_log):
-    log = shaky_log()
-    camera = Camera(WIDTH, HEIGHT + 1, 110.0, readout_time=0.03)
-    image = large[: HEIGHT + 1, :WIDTH]
-    rectified, _ = rectify(image, Capture.from_log(log, camera, EXPOSURE))
-    np.testing.assert_allclose(rectified[HEIGHT // 2], image[HEIGHT // 2], atol=3e-6)
-
-
 @pytest.mark.parametrize("direction", ["top-down", "bottom-up"])
 def test_each_pixel_is_read_where_a_row_saw_it(shaky_log, direction):
     camera = camera_of(readout_direction=direction)
@@ -109,10 +93,3 @@ def test_coverage_marks_what_no_row_saw(rate):
     np.testing.assert_allclose(np.minimum(repeated, WIDTH - 1 - repeated), 0.0, atol=1e-3)
     # Elsewhere the ramp is moved back.
     assert image[0, 40, 0] - 40 == pytest.approx(np.sign(rate) * 1.65, abs=0.1)
-
-
-def test_shape_and_type(shaky_log):
-    image = np.zeros((HEIGHT, WIDTH, 4), np.float32)
-    rectified, coverage = rectify(image, Capture.from_log(shaky_log(), camera_of(), EXPOSURE))
-    assert (rectified.shape, rectified.dtype) == (image.shape, np.float32)
-    assert (coverage.shape, coverage.dtype) == ((HEIGHT, WIDTH), np.bool_)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rsdeblur.errors import CoverageError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.track import OrientationTrack
@@ -66,27 +65,12 @@ class TestIntegration:
         # Without the cross product, steps of 70 ms at 3 rad/s would each err by a b / 12, about 5e-3.
         assert bound < 3e-3
 
-    def test_halved_samples_change_nothing_where_rates_are_linear(self):
-        t, omega = irregular_times(30, 0.3), np.random.default_rng(1).uniform(-2, 2, (30, 3))
-        middle = 0.5 * (t[1:] + t[:-1])
-        both = np.sort(np.concatenate([t, middle]))
-        fine = np.stack([np.interp(both, t, omega[:, axis]) for axis in range(3)], axis=1)
-        # 29 steps of 10 ms at 3.5 rad/s, each with an error of little more than (3.5e-2)^3 / 240.
-        np.testing.assert_allclose(track_of(both, fine).at(t), track_of(t, omega).at(t), atol=1e-5)
-
     def test_stays_a_rotation(self):
         t = irregular_times(400, 2.0)
         track = track_of(t, np.random.default_rng(2).uniform(-2.8, 2.8, (400, 3)))
         c = track.at(np.linspace(0.0, 2.0, 999))
         np.testing.assert_allclose(c @ c.transpose(0, 2, 1), np.broadcast_to(np.eye(3), c.shape), atol=ROUNDING)
         np.testing.assert_allclose(np.linalg.det(c), 1.0, atol=ROUNDING)
-
-    def test_starts_at_identity_and_meets_its_own_samples(self, shaky_log):
-        log = shaky_log()
-        track = whole_track(log, CAMERA)
-        assert np.array_equal(track.rotations[0], np.eye(3))
-        np.testing.assert_allclose(track.at(track.t), track.rotations, atol=ROUNDING)
-        assert track.at(np.zeros((4, 5))).shape == (4, 5, 3, 3)
 
     def test_angles_are_the_integral_of_the_rates(self):
         # Linear rates: the integral of (1, t, -2t) is (t, t^2/2, -t^2), whatever the samples.
@@ -125,18 +109,3 @@ class TestTime:
         # The rate at gyro time 0.2 to 0.6 s is 0.2 to 0.6 rad/s.
         assert at[0] - before[0] == pytest.approx(0.06, abs=ROUNDING)
         assert after[0] - at[0] == pytest.approx(0.10, abs=ROUNDING)
-
-    @pytest.mark.parametrize("dt", [0.25, -0.0123, 7.7])
-    def test_timestamps_and_offset_shifted_together_change_nothing(self, shaky_log, dt):
-        log = shaky_log()
-        times = np.linspace(0.1, 0.2, 50)
-        straight = OrientationTrack.from_log(log, CAMERA, 0.1, 0.2, 0)
-        moved = OrientationTrack.from_log(log.shifted(dt), Camera(64, 48, 80.0, time_offset=-dt), 0.1, 0.2, 0)
-        # Times of some seconds are rounded by 1e-15 s; rates are a few rad/s.
-        np.testing.assert_allclose(moved.at(times), straight.at(times), atol=ROUNDING)
-
-    def test_the_camera_reports_in_gyro_time(self):
-        log = GyroLog(np.arange(101) / 100, np.zeros((101, 3)))
-        camera = Camera(64, 48, 80.0, time_offset=0.1)
-        with pytest.raises(CoverageError, match=r"misses 20\.000 ms at its start"):
-            OrientationTrack.from_log(log, camera, 0.08, 0.3, 0)
