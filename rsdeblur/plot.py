@@ -7,6 +7,7 @@ at the first call, so its backend can be chosen after this module is imported.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -75,13 +76,11 @@ def kernels(
     '2 x 3 kernels of 5 x 1 px, drawn 29 times as large'
     """
     validate.instance("bank", bank, PsfBank)
-    ax = _axes(ax)
-    _show(ax, picture, transfer)
-    shape = _framed(ax, picture, bank.rows, bank.cols)
+    ax, shape = _ground(ax, picture, transfer, bank.rows, bank.cols)
     trails = Trails.of(bank).thinned(MOST)
     tall, wide = trails.kernels.shape[2:]
     zoom = trails.zoom(shape)
-    for kernel, (y, x) in zip(trails.kernels.reshape(-1, tall, wide), _places(trails.rows, trails.cols), strict=True):
+    for kernel, (y, x) in zip(trails.kernels.reshape(-1, tall, wide), product(trails.rows, trails.cols), strict=True):
         glow = np.ones((tall, wide, 4)) * (1.0, 0.69, 0.23, 0.0)
         glow[..., 3] = kernel
         ax.imshow(
@@ -125,15 +124,13 @@ def paths(paths: BlurPaths, picture: ArrayLike | None = None, *, ax: Axes | None
     4
     """
     validate.instance("paths", paths, BlurPaths)
-    ax = _axes(ax)
+    ax, shape = _ground(ax, picture, "auto", paths.rows, paths.cols)
     from matplotlib.collections import LineCollection
 
-    _show(ax, picture, "auto")
-    shape = _framed(ax, picture, paths.rows, paths.cols)
     down, across = map(thinned, paths.lengths.shape, MOST)
     rows, cols, drawn = paths.rows[down], paths.cols[across], paths.displacements[down, across]
     zoom = fitting(rows, cols, (2.0 * np.abs(drawn).max(axis=(0, 1, 2)) + 1.0)[::-1], shape)
-    for path, (y, x) in zip(drawn.reshape(-1, *drawn.shape[2:]), _places(rows, cols), strict=True):
+    for path, (y, x) in zip(drawn.reshape(-1, *drawn.shape[2:]), product(rows, cols), strict=True):
         points = np.array([x, y]) + zoom * path
         pieces = LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), cmap="plasma", linewidth=2, zorder=2)
         pieces.set_array(np.linspace(0.0, 1.0, len(pieces.get_paths())))
@@ -303,22 +300,16 @@ def _display(picture: ArrayLike | DeblurResult | BurstResult, transfer: Transfer
     return values[..., 0] if values.shape[2] == 1 else values
 
 
-def _show(ax: Any, picture: ArrayLike | None, transfer: Transfer | Auto) -> None:
-    """Show the dimmed picture, or a dark ground."""
+def _ground(
+    ax: Axes | None, picture: ArrayLike | None, transfer: Transfer | Auto, rows: FloatArray, cols: FloatArray
+) -> tuple[Any, tuple[int, ...]]:
+    """Return axes with the dimmed picture or a dark ground, and its shape, which follows from even places."""
+    ax = _axes(ax)
     ax.set_facecolor("0.1")
+    shape: tuple[int, ...] = round(rows[0] + rows[-1] + 1), round(cols[0] + cols[-1] + 1)
     if picture is not None:
+        shape = np.shape(picture)
         ax.imshow(DIM * _display(picture, transfer), cmap="gray", vmin=0.0, vmax=1.0, zorder=1)
-
-
-def _places(rows: FloatArray, cols: FloatArray) -> list[tuple[float, float]]:
-    return [(row, col) for row in rows.tolist() for col in cols.tolist()]
-
-
-def _framed(ax: Any, picture: ArrayLike | None, rows: FloatArray, cols: FloatArray) -> tuple[int, ...]:
-    """Limit the axes to the picture and return its shape, which follows from even places where none is given."""
-    shape = (
-        tuple(round(places[0] + places[-1] + 1) for places in (rows, cols)) if picture is None else np.shape(picture)
-    )
     ax.set_aspect("equal")
     ax.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5), xlabel="column, px", ylabel="row, px")
-    return shape
+    return ax, shape

@@ -39,7 +39,8 @@ class Basis(NamedTuple):
 
     def with_strength(self, value: float) -> Basis:
         """Return the same with another value of that strength."""
-        return self._replace(strengths=replace(self.strengths, **{self.strength[0]: value}))
+        change: dict[str, Any] = {self.strength[0]: value}
+        return self._replace(strengths=replace(self.strengths, **change))
 
 
 class Crop(NamedTuple):

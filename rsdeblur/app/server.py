@@ -23,12 +23,8 @@ from rsdeblur.errors import RsdeblurError
 from rsdeblur.report.page import document, part
 
 LOOPBACK = "127.0.0.1"
-# Bytes of a request's body: a form, and a photo or log.
-MOST_JSON = 64 << 10
-MOST_UPLOAD = 512 << 20
-# Seconds without a byte after which a connection is closed.
-PATIENCE = 30
-JSON, BYTES = "application/json", "application/octet-stream"
+# Content type and most bytes of a request's body: a form, and a photo or log.
+FORM, FILE = ("application/json", 64 << 10), ("application/octet-stream", 512 << 20)
 HEADERS = {
     # The page itself forbids scripts, styles and sources that are not its own.
     "Content-Security-Policy": "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -114,7 +110,8 @@ class _Handler(BaseHTTPRequestHandler):
     server: LocalServer
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "rsdeblur", ""
-    timeout = PATIENCE
+    # Seconds without a byte after which a connection is closed.
+    timeout = 30
 
     def do_GET(self) -> None:
         """Send the page."""
@@ -132,9 +129,9 @@ class _Handler(BaseHTTPRequestHandler):
             name, query = self._name()
             if name != "upload" and name not in self.server.actions:
                 raise _Refusal(HTTPStatus.NOT_FOUND, "no such action")
-            body = self._body(*((BYTES, MOST_UPLOAD) if name == "upload" else (JSON, MOST_JSON)))
+            body = self._body(*(FILE if name == "upload" else FORM))
             status, answer = self._answer(name, query, body)
-            self._send(status, JSON, json.dumps(answer).encode())
+            self._send(status, FORM[0], json.dumps(answer).encode())
         except _Refusal as refusal:
             self.send_error(refusal.status, str(refusal))
 

@@ -70,7 +70,8 @@ def band_figures(
         ]
         for label, each in steep.items()
     }
-    ringing = {label: [100.0 * part for part in ringings.get(label, ())] or [None] * MOST_TILES for label in pictures}
+    ringing: dict[str, list[float | None]] = {label: [None] * MOST_TILES for label in pictures}
+    ringing |= {label: [100.0 * part for part in parts] for label, parts in ringings.items()}
     return {"edges": edges, "sharpness": sharpness, "ringing": ringing}
 
 
