@@ -20,9 +20,9 @@ list::
     burst       deblur_burst(): several frames of one scene together
     io          files of gyro logs, cameras, captures and pictures
     video       videos, frame by frame
-    report      drawings, contact sheets, the HTML report
+    report      drawings with Pillow, figures, pages of HTML
     plot        plots with Matplotlib
-    app         the local page with sliders: server, page, crops
+    app         the local page with sliders: server, crops
     cli         the command line
     __main__    python -m rsdeblur
 

@@ -7,6 +7,7 @@ at the first call, so its backend can be chosen after this module is imported.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,18 +27,15 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.psf import PsfBank
-from rsdeblur.report.psf_map import evenly, visible_part
+from rsdeblur.report.drawings import DIM, Trails, fitting, thinned
+from rsdeblur.report.figures import around, rates_in_camera
 from rsdeblur.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Most rows and columns of kernels or paths in one plot, and the share of the room between two that one may fill.
-MOST_DOWN, MOST_ACROSS, FILLED = 7, 9, 0.9
-DIM = 0.4  # brightness left to the picture below kernels and paths
-# Part of the log that is shown before and after the exposures, as a share of their span, but at least this many s.
-AROUND, LEAST_AROUND = 0.5, 0.02
-COLOURS = ("tab:red", "tab:green", "tab:blue")
+# Most rows and columns of kernels or paths in one plot.
+MOST = (7, 9)
 
 __all__ = ["comparison", "kernels", "log", "paths"]
 
@@ -75,23 +73,19 @@ def kernels(
     >>> bank = rsdeblur.PsfBank.for_picture(np.full((2, 3, 1, 5), 0.2), (480, 640))
     >>> ax = rsdeblur.plot.kernels(bank)
     >>> ax.get_title()
-    '2 x 3 kernels of 5 x 1 px, drawn 27 times as large'
+    '2 x 3 kernels of 5 x 1 px, drawn 29 times as large'
     """
     validate.instance("bank", bank, PsfBank)
-    ax = _axes(ax)
-    _show(ax, picture, transfer)
-    rows, cols = evenly(len(bank.rows), MOST_DOWN), evenly(len(bank.cols), MOST_ACROSS)
-    shown = visible_part(np.asarray(bank.kernels[np.ix_(rows, cols)], dtype=np.float64))
-    tall, wide = shown.shape[2:]
-    zoom = _zoom(bank.rows[rows], bank.cols[cols], tall, wide)
-    for kernel, y, x in zip(shown.reshape(-1, tall, wide), *_grid(bank.rows[rows], bank.cols[cols]), strict=True):
-        brightness = np.sqrt(np.clip(kernel / max(kernel.max(), 1e-30), 0.0, 1.0))
+    ax, shape = _ground(ax, picture, transfer, bank.rows, bank.cols)
+    trails = Trails.of(bank).thinned(MOST)
+    tall, wide = trails.kernels.shape[2:]
+    zoom = trails.zoom(shape)
+    for kernel, (y, x) in zip(trails.kernels.reshape(-1, tall, wide), product(trails.rows, trails.cols), strict=True):
         glow = np.ones((tall, wide, 4)) * (1.0, 0.69, 0.23, 0.0)
-        glow[..., 3] = brightness
+        glow[..., 3] = kernel
         ax.imshow(
             glow, extent=(x - zoom * wide / 2, x + zoom * wide / 2, y + zoom * tall / 2, y - zoom * tall / 2), zorder=2
         )
-    _frame(ax, picture, bank.rows, bank.cols)
     height, width = bank.size
     grid = f"{len(bank.rows)} x {len(bank.cols)}"
     ax.set_title(f"{grid} kernels of {width} x {height} px, drawn {zoom:.2g} times as large")
@@ -130,20 +124,17 @@ def paths(paths: BlurPaths, picture: ArrayLike | None = None, *, ax: Axes | None
     4
     """
     validate.instance("paths", paths, BlurPaths)
-    ax = _axes(ax)
+    ax, shape = _ground(ax, picture, "auto", paths.rows, paths.cols)
     from matplotlib.collections import LineCollection
 
-    _show(ax, picture, "auto")
-    rows, cols = evenly(len(paths.rows), MOST_DOWN), evenly(len(paths.cols), MOST_ACROSS)
-    drawn = paths.displacements[np.ix_(rows, cols)]
-    across, down = 2.0 * np.abs(drawn).max(axis=(0, 1, 2)) + 1.0
-    zoom = _zoom(paths.rows[rows], paths.cols[cols], down, across)
-    for path, y, x in zip(drawn.reshape(-1, *drawn.shape[2:]), *_grid(paths.rows[rows], paths.cols[cols]), strict=True):
+    down, across = map(thinned, paths.lengths.shape, MOST)
+    rows, cols, drawn = paths.rows[down], paths.cols[across], paths.displacements[down, across]
+    zoom = fitting(rows, cols, (2.0 * np.abs(drawn).max(axis=(0, 1, 2)) + 1.0)[::-1], shape)
+    for path, (y, x) in zip(drawn.reshape(-1, *drawn.shape[2:]), product(rows, cols), strict=True):
         points = np.array([x, y]) + zoom * path
         pieces = LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), cmap="plasma", linewidth=2, zorder=2)
         pieces.set_array(np.linspace(0.0, 1.0, len(pieces.get_paths())))
         ax.add_collection(pieces)
-    _frame(ax, picture, paths.rows, paths.cols)
     ax.set_title(f"paths of up to {paths.lengths.max():.3g} px, drawn {zoom:.2g} times as large")
     return ax
 
@@ -187,9 +178,7 @@ def log(log: GyroLog, camera: Camera, exposures: Exposure | Iterable[Exposure] =
     windows = exposure_list([exposures] if isinstance(exposures, Exposure) else exposures)
     ax = _axes(ax)
     epoch = windows[0].epoch_ns if windows else log.epoch_ns
-    # Timestamps are subtracted as integers; only the difference becomes a float.
-    t = log.t + (log.epoch_ns - epoch) * 1e-9 + camera.time_offset
-    rates = log.omega @ camera.imu_to_camera.T
+    t, rates = rates_in_camera(log, camera, epoch)
     spans = [np.add(window.span(camera), (window.epoch_ns - epoch) * 1e-9) for window in windows]
     for window, (first, last) in zip(windows, spans, strict=True):
         ax.axvspan(first, last, color="0.9", linewidth=0)
@@ -197,12 +186,10 @@ def log(log: GyroLog, camera: Camera, exposures: Exposure | Iterable[Exposure] =
         common = last - window.duration, first + window.duration
         if common[0] < common[1]:
             ax.axvspan(*common, color="0.75", linewidth=0)
-    for axis, colour in zip(range(3), COLOURS, strict=True):
-        ax.plot(t, rates[:, axis], color=colour, linewidth=1, label="xyz"[axis])
+    for rate, axis, colour in zip(rates.T, "xyz", ("tab:red", "tab:green", "tab:blue"), strict=True):
+        ax.plot(t, rate, color=colour, linewidth=1, label=axis)
     if spans:
-        first, last = min(span[0] for span in spans), max(span[1] for span in spans)
-        around = max(AROUND * (last - first), LEAST_AROUND)
-        ax.set_xlim(first - around, last + around)
+        ax.set_xlim(around(min(span[0] for span in spans), max(span[1] for span in spans)))
     ax.set(xlabel="camera time, s", ylabel="rate about the camera's axes, rad/s")
     ax.legend(loc="upper right", ncols=3)
     return ax
@@ -313,31 +300,16 @@ def _display(picture: ArrayLike | DeblurResult | BurstResult, transfer: Transfer
     return values[..., 0] if values.shape[2] == 1 else values
 
 
-def _show(ax: Any, picture: ArrayLike | None, transfer: Transfer | Auto) -> None:
-    """Show the dimmed picture, or a dark ground."""
+def _ground(
+    ax: Axes | None, picture: ArrayLike | None, transfer: Transfer | Auto, rows: FloatArray, cols: FloatArray
+) -> tuple[Any, tuple[int, ...]]:
+    """Return axes with the dimmed picture or a dark ground, and its shape, which follows from even places."""
+    ax = _axes(ax)
     ax.set_facecolor("0.1")
+    shape: tuple[int, ...] = round(rows[0] + rows[-1] + 1), round(cols[0] + cols[-1] + 1)
     if picture is not None:
+        shape = np.shape(picture)
         ax.imshow(DIM * _display(picture, transfer), cmap="gray", vmin=0.0, vmax=1.0, zorder=1)
-
-
-def _grid(rows: FloatArray, cols: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rows and the columns of all points of a grid."""
-    return np.repeat(rows, len(cols)), np.tile(cols, len(rows))
-
-
-def _zoom(rows: FloatArray, cols: FloatArray, tall: float, wide: float) -> float:
-    """Return the factor by which things of `tall` x `wide` px fill the room between two places of the grid."""
-    down, across = (
-        float(np.diff(places).min()) if len(places) > 1 else 2.0 * float(places[0]) + 1.0 for places in (rows, cols)
-    )
-    return FILLED * min(down / tall, across / wide)
-
-
-def _frame(ax: Any, picture: ArrayLike | None, rows: FloatArray, cols: FloatArray) -> None:
-    """Limit the axes to the picture, whose size follows from even places where no picture is given."""
-    if picture is None:
-        height, width = (places[0] + places[-1] + 1 for places in (rows, cols))
-    else:
-        height, width = np.shape(picture)[:2]
     ax.set_aspect("equal")
-    ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="column, px", ylabel="row, px")
+    ax.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5), xlabel="column, px", ylabel="row, px")
+    return ax, shape

@@ -13,14 +13,9 @@ from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 
-from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.psf import PsfBank
-from rsdeblur.report import MotionPlot, Page, band_figures, findings
 from rsdeblur.simulation import scene as scenes
 from rsdeblur.simulation.shake import hand_shake
 from rsdeblur.types import FloatImage
@@ -103,40 +98,6 @@ def shaky_log():
     def build(axes: tuple[float, float, float] = (1.0, 1.0, 1.0), *, seed: int = 0) -> GyroLog:
         log = hand_shake(0.4, seed=seed)
         return GyroLog(log.t, log.omega * axes)
-
-    return build
-
-
-@pytest.fixture(scope="session")
-def report_page(shaky_log):
-    """Builder of a small report: a red input, a green and a blue result of 160x120 px, read in 30 ms from 0.1 s on."""
-
-    def build(*, photo: str = "photo.png", remark: str = "", direction: str = "top-down") -> Page:
-        log, camera = shaky_log(), Camera(160, 120, 180.0, readout_time=0.03, readout_direction=direction)
-        exposure = Exposure(0.1, 0.04)
-        pictures = {name: np.zeros((120, 160, 3), np.float32) for name in ("input", "global", "banded")}
-        for channel, picture in enumerate(pictures.values()):
-            picture[..., channel] = 0.6
-        bar = np.zeros((5, 9))
-        bar[2] = 1 / 9
-        banks = {
-            "global": PsfBank.for_picture(bar, (120, 160)),
-            "banded": PsfBank.for_picture(np.tile(bar, (3, 2, 1, 1)), (120, 160)),
-        }
-        mode = {"bands": 3, "strips": 2, "psf_px": [9, 5], "nsr": 0.01, "weight": None, "seconds": 1.25}
-        mode |= {"timings": {"plan": 0.25, "apply": 1.0}, "peak_memory_mib": None}
-        return Page(
-            photo=photo,
-            pictures=pictures,
-            banks=banks,
-            motion=MotionPlot.of(log, camera, exposure),
-            bands=band_figures(pictures, {"banded": [0.01] * 6}, across=camera.horizontal_readout),
-            modes=dict.fromkeys(banks, mode),
-            settings={"Recording": {"gyro": photo}},
-            findings=findings(
-                np.zeros((120, 160), np.uint8), log, camera, exposure, psf=(5, 9), remarks=[remark] if remark else []
-            ),
-        )
 
     return build
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,25 +19,12 @@ from rsdeblur.pipeline.plan import DeblurResult, plan
 from rsdeblur.pipeline.solver import Strengths
 from rsdeblur.psf import PsfBank
 
-# px around a crop that are solved with it and not shown: as far as the blur reaches, within these bounds.
-LEAST_MARGIN, MOST_MARGIN = 16, 64
-# Least side of a tile of a reduced crop, in kernels: a tile is solved with several kernels of picture around it, so
-# smaller ones cost more than they show.
-DRAFT_TILE = 2
 
-
-@dataclass(frozen=True, slots=True)
-class Basis:
+class Basis(NamedTuple):
     """Decisions that the whole picture makes for its crops.
 
-    Parameters
-    ----------
-    strengths : Strengths
-        Strengths of the solution.
-    tile : (float, float)
-        Height and width of a tile in px of the upright frame.
-    psf : (int, int)
-        Height and width of the kernels there, px.
+    These are the strengths of the solution, and in px of the upright frame the height and width of a tile and of the
+    kernels.
     """
 
     strengths: Strengths
@@ -52,14 +39,12 @@ class Basis:
 
     def with_strength(self, value: float) -> Basis:
         """Return the same with another value of that strength."""
-        wiener = self.strengths.weight is None
-        changed = replace(self.strengths, nsr=value) if wiener else replace(self.strengths, weight=value)
-        return replace(self, strengths=changed)
+        change: dict[str, Any] = {self.strength[0]: value}
+        return self._replace(strengths=replace(self.strengths, **change))
 
 
-@dataclass(frozen=True, slots=True)
-class Crop:
-    """A part of the picture, px."""
+class Crop(NamedTuple):
+    """A part of a picture, px."""
 
     left: int
     top: int
@@ -75,41 +60,22 @@ class Crop:
     def padded(self, margin: int, camera: Camera) -> Crop:
         """Return the crop with up to `margin` px on each side that the picture has."""
         left, top = max(0, self.left - margin), max(0, self.top - margin)
-        right, bottom = (
-            min(first + size + margin, most)
-            for first, size, most in ((self.left, self.width, camera.width), (self.top, self.height, camera.height))
-        )
-        return Crop(left, top, right - left, bottom - top)
-
-    def camera(self, camera: Camera) -> Camera:
-        """Return the camera of the part."""
-        return camera.cropped(self.left, self.top, self.width, self.height)
+        right = min(self.left + self.width + margin, camera.width)
+        return Crop(left, top, right - left, min(self.top + self.height + margin, camera.height) - top)
 
     def cut(self, pixels: NDArray[Any], scale: float = 1.0) -> NDArray[Any]:
         """Return the part of a picture that was reduced by `scale`."""
-        (top, bottom), (left, right) = (
-            (round(scale * first), max(round(scale * (first + size)), round(scale * first) + 1))
+        rows, cols = (
+            slice(round(scale * first), max(round(scale * (first + size)), round(scale * first) + 1))
             for first, size in ((self.top, self.height), (self.left, self.width))
         )
-        return pixels[top:bottom, left:right]
+        return pixels[rows, cols]
 
 
 def derive_basis(pixels: NDArray[Any], log: GyroLog, camera: Camera, exposure: Exposure, options: Options) -> Basis:
-    """Derive strengths and tiles from the whole picture.
+    """Return the strengths and tiles of the whole picture, shape (H, W) or (H, W, C).
 
-    Parameters
-    ----------
-    pixels : ndarray, shape (H, W) or (H, W, C)
-        The blurred picture.
-    log, camera, exposure
-        The motion, the camera and the time of the exposure.
-    options : Options
-        See :func:`rsdeblur.deblur`.
-
-    Returns
-    -------
-    Basis
-        For crops of this picture, also with another clock, readout or focal length.
+    They hold for its crops also with another clock, readout or focal length.
     """
     prepared = plan(log, camera, exposure, options).prepare(pixels)
     assert prepared.strengths is not None
@@ -144,8 +110,7 @@ def solve_crop(
     crop : Crop
         The part, within the picture.
     scale : float, default 1.0
-        Size at which the crop is solved, at most 1: a half takes a quarter of the time or less. Below 1, tiles have at
-        least twice the size of the kernels.
+        Size at which the crop is solved, at most 1: a half takes a quarter of the time or less.
 
     Returns
     -------
@@ -153,11 +118,11 @@ def solve_crop(
         Image and coverage of the crop. The places of its PSFs count from the crop's corner in px of the whole picture;
         the check covers the surroundings too.
     """
-    outer = crop.padded(int(np.clip(max(basis.psf) // 2, LEAST_MARGIN, MOST_MARGIN)), camera)
-    part, lens = outer.cut(pixels), outer.camera(camera)
+    # As far as the blur reaches, within bounds.
+    outer = crop.padded(int(np.clip(max(basis.psf) // 2, 16, 64)), camera)
+    part, lens = outer.cut(pixels), camera.cropped(*outer)
     if options.translation is not None:
-        moved = options.translation.cropped(camera, outer.left, outer.top, outer.width, outer.height)
-        options = replace(options, translation=moved)
+        options = replace(options, translation=options.translation.cropped(camera, *outer))
     if scale < 1.0:
         part, lens = reduced(part, lens, max(16, round(scale * max(outer.width, outer.height))))
         scale = max(lens.width, lens.height) / max(outer.width, outer.height)
@@ -165,7 +130,8 @@ def solve_crop(
         options = replace(options, softness=scale * options.softness)
     if options.mode_in_effect == "banded":
         upright = ReadoutFrame(lens).camera
-        least = DRAFT_TILE if scale < 1.0 else 0
+        # A tile is solved with several kernels of picture around it; in a draft, smaller ones cost more than they show.
+        least = 2 if scale < 1.0 else 0
         bands, strips = (
             min(math.ceil(side / (scale * max(tile, least * psf))), side)
             for side, tile, psf in zip((upright.height, upright.width), basis.tile, basis.psf, strict=True)
@@ -173,7 +139,7 @@ def solve_crop(
         options = replace(options, bands=bands, strips=strips)
     planned = plan(log, lens, exposure, options)
     result = replace(planned, strengths=basis.strengths).apply(part)
-    inner = Crop(crop.left - outer.left, crop.top - outer.top, crop.width, crop.height)
+    inner = crop._replace(left=crop.left - outer.left, top=crop.top - outer.top)
     places = (result.psfs.rows / scale - inner.top, result.psfs.cols / scale - inner.left)
     return replace(
         result,

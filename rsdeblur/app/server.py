@@ -2,7 +2,7 @@
 
 The token keeps other users and programs out. The check of the Host header keeps out pages of the web whose name was
 made to resolve to this machine (DNS rebinding); the check of the Origin header and of the content type keeps out their
-requests. Paths are names in a table, never names of files.
+requests. Paths are names of actions, never names of files.
 """
 
 from __future__ import annotations
@@ -12,26 +12,22 @@ import json
 import secrets
 import socketserver
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from string import Template
 from typing import Any
 from urllib.parse import parse_qs
 
 from rsdeblur.errors import RsdeblurError
+from rsdeblur.report.page import document, part
 
 LOOPBACK = "127.0.0.1"
-# Bytes of a request's body: a form, and a photo or log.
-MOST_JSON = 64 << 10
-MOST_UPLOAD = 512 << 20
-# Seconds without a byte after which a connection is closed.
-PATIENCE = 30
-JSON, BYTES = "application/json", "application/octet-stream"
+# Content type and most bytes of a request's body: a form, and a photo or log.
+FORM, FILE = ("application/json", 64 << 10), ("application/octet-stream", 512 << 20)
 HEADERS = {
-    "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; "
-        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-    ),
+    # The page itself forbids scripts, styles and sources that are not its own.
+    "Content-Security-Policy": "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "Cache-Control": "no-store",
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
@@ -43,13 +39,27 @@ Action = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 Upload = Callable[[str, bytes], Mapping[str, Any]]
 
 
+def app_page() -> str:
+    """Return the page, which shares its style and its viewer with the report."""
+    return document(
+        kind="rsdeblur app",
+        title="Open a photo",
+        facts='<span id="size">Photo, gyro log and camera file stay on this machine.</span> '
+        '<span id="verdict" role="status"></span>',
+        main=Template(part("app.html")).substitute(viewer=part("page_viewer.html")),
+        style=part("app.css"),
+        scripts=("page_viewer.js", "app.js"),
+        allowed="; connect-src 'self'",
+    )
+
+
 class LocalServer(ThreadingHTTPServer):
-    """Server of a few pages and actions for the browser on this machine.
+    """Server of a page and its actions for the browser on this machine.
 
     Parameters
     ----------
-    pages : mapping of str to (str, bytes)
-        Content type and content of each page that GET returns; the name "" is the start page.
+    page : str
+        The page, as HTML.
     actions : mapping of str to callable
         Functions that POST calls with the form in its JSON body; each returns the answer, which is sent as JSON. An
         error of rsdeblur is sent as its text.
@@ -66,10 +76,8 @@ class LocalServer(ThreadingHTTPServer):
 
     daemon_threads = True
 
-    def __init__(
-        self, pages: Mapping[str, tuple[str, bytes]], actions: Mapping[str, Action], upload: Upload, port: int = 0
-    ) -> None:
-        self.pages, self.actions, self.upload = pages, actions, upload
+    def __init__(self, page: str, actions: Mapping[str, Action], upload: Upload, port: int = 0) -> None:
+        self.page, self.actions, self.upload = page, actions, upload
         self.token = secrets.token_urlsafe(24)
         super().__init__((LOOPBACK, port), _Handler)
         self.hosts = {f"{name}:{self.server_port}" for name in (LOOPBACK, "localhost")}
@@ -86,7 +94,7 @@ class LocalServer(ThreadingHTTPServer):
 
     @property
     def url(self) -> str:
-        """Address of the start page, with the token."""
+        """Address of the page, with the token."""
         return f"http://{LOOPBACK}:{self.server_port}/{self.token}/"
 
 
@@ -102,15 +110,16 @@ class _Handler(BaseHTTPRequestHandler):
     server: LocalServer
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "rsdeblur", ""
-    timeout = PATIENCE
+    # Seconds without a byte after which a connection is closed.
+    timeout = 30
 
     def do_GET(self) -> None:
-        """Send a page."""
+        """Send the page."""
         try:
             name, _ = self._name()
-            if name not in self.server.pages:
-                raise self._unknown(name, self.server.actions.keys() | {"upload"})
-            self._send(HTTPStatus.OK, *self.server.pages[name])
+            if name:
+                raise _Refusal(HTTPStatus.NOT_FOUND, "no such page")
+            self._send(HTTPStatus.OK, "text/html; charset=utf-8", self.server.page.encode())
         except _Refusal as refusal:
             self.send_error(refusal.status, str(refusal))
 
@@ -119,10 +128,10 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             name, query = self._name()
             if name != "upload" and name not in self.server.actions:
-                raise self._unknown(name, self.server.pages.keys())
-            body = self._body(*((BYTES, MOST_UPLOAD) if name == "upload" else (JSON, MOST_JSON)))
+                raise _Refusal(HTTPStatus.NOT_FOUND, "no such action")
+            body = self._body(*(FILE if name == "upload" else FORM))
             status, answer = self._answer(name, query, body)
-            self._send(status, JSON, json.dumps(answer).encode())
+            self._send(status, FORM[0], json.dumps(answer).encode())
         except _Refusal as refusal:
             self.send_error(refusal.status, str(refusal))
 
@@ -138,12 +147,6 @@ class _Handler(BaseHTTPRequestHandler):
         if not hmac.compare_digest(token.encode("utf-8", "replace"), self.server.token.encode()):
             raise _Refusal(HTTPStatus.FORBIDDEN, "wrong token: open the address that rsdeblur app printed")
         return name, query
-
-    @staticmethod
-    def _unknown(name: str, of_other_method: Iterable[str]) -> _Refusal:
-        if name in of_other_method:
-            return _Refusal(HTTPStatus.METHOD_NOT_ALLOWED, "wrong method")
-        return _Refusal(HTTPStatus.NOT_FOUND, "no such page")
 
     def _body(self, kind: str, most: int) -> bytes:
         # A page of another origin could send a form, but neither of these types without asking first.

@@ -1,24 +1,57 @@
-"""`rsdeblur app`: a local page that deblurs a crop while its sliders move."""
+"""`rsdeblur app`: a local page that deblurs a crop while its sliders move.
+
+Every request of the page contains the whole form, so the page and the command line cannot disagree: crop, saved picture
+and copied command come from the same arguments of `rsdeblur deblur`, parsed by the same options.
+"""
 
 from __future__ import annotations
 
+import shlex
 import signal
+import threading
+import time
 import webbrowser
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from itertools import chain, count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 from click.core import ParameterSource
 
+from rsdeblur.choices import SHARP
 from rsdeblur.cli import _options
-from rsdeblur.cli._options import MANY, Command, Recording, option
-from rsdeblur.cli._output import say
+from rsdeblur.cli._inputs import (
+    Inputs,
+    display_values,
+    naming,
+    photo_gravity,
+    read_recording,
+    transfer_of,
+    with_offset,
+)
+from rsdeblur.cli._items import result_name
+from rsdeblur.cli._log import file_state
+from rsdeblur.cli._options import FILES, MANY, MANY_RESULTS, ONE_PHOTO, Command, Recording, flag, option
+from rsdeblur.cli._output import FAILURES, reason, say
+from rsdeblur.cli._photo import PhotoJob, Prepared, deblur_photo, prepare
+from rsdeblur.cli._report import capture_warnings
 from rsdeblur.cli._types import PATH
-from rsdeblur.errors import InputError
+from rsdeblur.errors import CoverageError, InputError, OutputError, RsdeblurError
 
 if TYPE_CHECKING:
-    from rsdeblur.app import LocalServer
-    from rsdeblur.cli._desk import Desk
+    from rsdeblur.app import Basis, Crop, LocalServer
+    from rsdeblur.io.pictures import Picture
+    from rsdeblur.pipeline.options import Options
+    from rsdeblur.pipeline.plan import DeblurResult
+
+# Options that have a slider; the strengths of the whole picture are derived without them, and so stay while they move.
+MOVED = ("time_offset", "readout_time", "focal_length", "softness")
+FORM = (*MANY, "mode", "prior", "softness")
+Request: TypeAlias = "tuple[Path, Recording, Options]"
 
 EXAMPLES = """\b
 Examples:
@@ -39,30 +72,27 @@ def command(photos: tuple[Path, ...], recording: Recording, port: int, no_browse
     shows a crop with its PSFs and the check's verdict, copies the command for `rsdeblur deblur`, and saves the full
     picture with the same code. Ctrl-C ends it.
     """
-    from rsdeblur.cli._desk import Desk
+    from rsdeblur.app import LocalServer, app_page
 
-    with (
-        Desk([str(photo.absolute()) for photo in photos], _given(click.get_current_context())) as desk,
-        _server(desk, port) as server,
-    ):
-        say(f"{server.url}", "Open this address in a browser of this machine; Ctrl-C ends the app.")
-        if not no_browser:
-            webbrowser.open(server.url)
+    with Desk([str(photo.absolute()) for photo in photos], _given(click.get_current_context())) as desk:
         try:
-            server.serve_forever()
-        except KeyboardInterrupt as interrupt:
-            # Ctrl-C is the usual way to end the app; other signals are reported as for every command.
-            if interrupt.args[:1] not in ((), (signal.SIGINT,)):
-                raise
+            server = LocalServer(app_page(), desk.actions, desk.upload, port)
+        except OSError as error:
+            raise InputError(f"--port {port}: {error.strerror}; leave the option out to take a free port") from error
+        with server:
+            _serve(server, browser=not no_browser)
 
 
-def _server(desk: Desk, port: int) -> LocalServer:
-    from rsdeblur.app import LocalServer, page_files
-
+def _serve(server: LocalServer, *, browser: bool) -> None:
+    say(f"{server.url}", "Open this address in a browser of this machine; Ctrl-C ends the app.")
+    if browser:
+        webbrowser.open(server.url)
     try:
-        return LocalServer(page_files(), desk.actions, desk.upload, port)
-    except OSError as error:
-        raise InputError(f"--port {port}: {error.strerror}; leave the option out to take a free port") from error
+        server.serve_forever()
+    except KeyboardInterrupt as interrupt:
+        # Ctrl-C is the usual way to end the app; other signals are reported as for every command.
+        if interrupt.args[:1] not in ((), (signal.SIGINT,)):
+            raise
 
 
 def _given(ctx: click.Context) -> dict[str, str]:
@@ -78,3 +108,327 @@ def _given(ctx: click.Context) -> dict[str, str]:
         for name, value in ctx.params.items()
         if name in MANY and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE
     }
+
+
+# The page shows clipped highlights as they are: a crop does not show whether the photo has few.
+@click.command("deblur", add_help_option=False, context_settings={"default_map": {"saturation": "ignore"}})
+@click.argument("photo", type=PATH)
+@_options.recording_options(*ONE_PHOTO)
+@_options.solve_options(*MANY_RESULTS)
+def _parse(photo: Path, recording: Recording, options: Options) -> Request:
+    return photo, recording, options
+
+
+@dataclass(slots=True)
+class Job:
+    """Saving of a picture, in a thread of its own."""
+
+    stage: str = "read"
+    fraction: float = 0.0
+    facts: Mapping[str, Any] | None = None
+    error: str | None = None
+    cancelled: bool = False
+
+    def move(self, stage: str, fraction: float) -> None:
+        """Note the progress, or end the work."""
+        if self.cancelled:
+            raise RsdeblurError("cancelled; nothing was written")
+        self.stage, self.fraction = stage, fraction
+
+
+class Desk:
+    """Request handlers of the page, which offers `photos` and begins with the `given` values in its form."""
+
+    def __init__(self, photos: Sequence[str], given: Mapping[str, str]) -> None:
+        self._start = {"photos": list(photos), "form": dict(given)}
+        self._folder = TemporaryDirectory(prefix="rsdeblur-app-")
+        # One computation at a time; it also guards the filters of warnings, which are the process's.
+        self._busy, self._saving = threading.Lock(), threading.Lock()
+        self._basis = lru_cache(maxsize=8)(_basis)
+        self._job = Job()
+        self._thread: threading.Thread | None = None
+        self.actions = {
+            "start": lambda form: self._start,
+            "open": self._open,
+            "solve": self._solve,
+            "save": self._save,
+            "progress": self._progress,
+            "cancel": self._cancel,
+        }
+
+    def __enter__(self) -> Desk:
+        """Return the desk, which removes the files that it received at the end."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the saving and remove the files that the browser sent."""
+        self._job.cancelled = True
+        if self._thread is not None:
+            self._thread.join()
+        self._folder.cleanup()
+
+    def upload(self, name: str, content: bytes) -> dict[str, Any]:
+        """Keep a file until the app ends, and return its path."""
+        # Only the last part of a name, without anything that a system treats specially.
+        clean = "".join(c for c in name.replace("\\", "/").rpartition("/")[2] if c.isprintable() and c not in '<>:"|?*')
+        if not clean.strip(". ") or len(clean.encode()) > 200:
+            raise InputError("the file has no usable name; rename it")
+        path = Path(self._folder.name) / clean
+        path.write_bytes(content)
+        return {"path": str(path)}
+
+    def _open(self, form: Mapping[str, Any]) -> dict[str, Any]:
+        """Read the files of a form, and describe the picture and the camera."""
+        from rsdeblur.report.drawings import picture_uris
+
+        with self._busy, capture_warnings(show=False) as notes:
+            photo, *_ = request = _request(arguments(form))
+            picture, _, camera, exposure = _ready(request).inputs
+            # The overview has at most twice the pixels that the page shows of it.
+            stride = max(1, max(picture.pixels.shape[:2]) // 1120)
+            shown = display_values(picture.pixels[::stride, ::stride], picture.transfer)
+            (overview,), _ = picture_uris({"picture": shown}, picture.icc_profile)
+        return {
+            "name": photo.name,
+            "size": [camera.width, camera.height],
+            "overview": overview,
+            "time_offset": camera.time_offset,
+            "readout_time": camera.readout_time,
+            "focal_length": camera.focal_length[0],
+            "duration": exposure.duration,
+            "output": str(self._free_name(photo)),
+            "notes": notes,
+        }
+
+    def _free_name(self, photo: Path) -> Path:
+        folder = Path.cwd() if photo.parent == Path(self._folder.name) else photo.parent
+        stem, suffix = photo.stem + SHARP, result_name(photo).suffix
+        names = chain([stem], (f"{stem}-{number}" for number in count(2)))
+        return next(path for name in names if not (path := folder / (name + suffix)).exists())
+
+    def _solve(self, form: Mapping[str, Any]) -> dict[str, Any]:
+        """Deblur the crop that the form names."""
+        from rsdeblur.app import Crop, solve_crop
+
+        begin = time.perf_counter()
+        scale = number_of(form, "scale", 1.0, 0.2, 1.0)
+        with self._busy, capture_warnings(show=False) as notes:
+            words, basis = self._tuned(form)
+            # The options by which the command deblurs as the page does.
+            chosen = any(word.startswith("--saturation") for word in words)
+            as_here = ["--no-refine", *([] if chosen else ["--saturation", "ignore"])]
+            ready = _ready(_request(words))
+            options = replace(ready.options, check=bool(form.get("check")))
+            picture, log, camera, exposure = ready.inputs
+            crop = Crop(*box_of(form)).within(camera)
+            with ready.naming:
+                result = solve_crop(picture.pixels, log, camera, exposure, options, basis, crop, scale=scale)
+        answer = _shown(result, ready, crop, draft=scale < 1.0)
+        name, value = basis.strength
+        return answer | {
+            "strength": {"name": name, "value": value, "power": power_of(form)},
+            "check": None if result.check is None else asdict(result.check),
+            "command": shlex.join(["rsdeblur", "deblur", *words, *as_here, "-o", path_of(form, "output")]),
+            # The page chooses the scale of drafts by this; they have no check.
+            "seconds": time.perf_counter() - begin - result.timings.get("check", 0.0),
+            "notes": notes,
+        }
+
+    def _tuned(self, form: Mapping[str, Any]) -> tuple[list[str], Basis]:
+        """Return the arguments that a form means, and the strengths that they choose."""
+        states = [file_state(Path(path_of(form, name))) for name in ("photo", *FILES)]
+        words = arguments(form, moved_of(form))
+        try:
+            basis = self._basis(tuple(arguments(form)), *states)
+        except CoverageError:
+            # The slider may be what brings the exposure into the log.
+            basis = self._basis(tuple(words), *states)
+        if power_of(form):
+            name, value = basis.strength
+            strength = f"{value * 10 ** power_of(form):.3g}"
+            words += [f"--{name}", strength]
+            basis = basis.with_strength(float(strength))
+        return words, basis
+
+    def _save(self, form: Mapping[str, Any]) -> dict[str, Any]:
+        """Start to deblur and write the whole picture, as `rsdeblur deblur` does."""
+        # A second click may come before the first one has started its thread.
+        with self._saving:
+            if self._thread is not None and self._thread.is_alive():
+                raise InputError("a picture is being saved")
+            job = self._job_of(form)
+            self._job = Job()
+            self._thread = threading.Thread(target=self._run, args=(job, self._job))
+            self._thread.start()
+        return self._progress(form)
+
+    def _job_of(self, form: Mapping[str, Any]) -> PhotoJob:
+        """Return what saving deblurs and where it writes."""
+        from rsdeblur.io.picture_output import check_writable
+
+        if not text_of(form, "output"):
+            raise InputError("choose the name of the result")
+        with self._busy:
+            photo, recording, options = _request(self._tuned(form)[0])
+        output = Path(path_of(form, "output"))
+        if output.exists():
+            # The page has no --force.
+            raise OutputError(f"{output}: the file exists; choose another name")
+        check_writable(output, force=False)
+        return PhotoJob(photo=photo, recording=recording, options=options, output=output)
+
+    def _run(self, photo: PhotoJob, job: Job) -> None:
+        try:
+            with self._busy, capture_warnings(show=False):
+                job.facts = deblur_photo(photo, job.move)
+        except MemoryError:
+            job.error = "not enough memory; close other programs, or use the command with --max-memory"
+        except FAILURES as error:
+            job.error = reason(error)
+        except Exception as error:
+            # The page asks until there are facts or an error.
+            job.error = f"{type(error).__name__}: {error}"
+            raise
+
+    def _progress(self, form: Mapping[str, Any]) -> dict[str, Any]:
+        job = self._job
+        return {"stage": job.stage, "fraction": job.fraction, "facts": job.facts, "error": job.error}
+
+    def _cancel(self, form: Mapping[str, Any]) -> dict[str, Any]:
+        self._job.cancelled = True
+        return self._progress(form)
+
+
+def _request(words: Sequence[str]) -> Request:
+    """Parse arguments as the command line does."""
+    try:
+        request: Request = _parse.main(list(words), prog_name="rsdeblur deblur", standalone_mode=False)
+    except click.ClickException as error:
+        raise InputError(error.format_message()) from error
+    return request
+
+
+def _ready(request: Request) -> Prepared:
+    """Prepare a photo as `rsdeblur deblur` does, with pictures and times that are kept."""
+    from rsdeblur.image.encoded import check_size
+
+    photo, recording, options = request
+    try:
+        log, camera, exposure = read_recording(recording, photo)
+        picture = _picture(photo, file_state(photo))
+        with naming(photo):
+            check_size(picture.pixels.shape, camera)
+        inputs = Inputs(picture, log, camera, exposure)
+        if recording.start == "exif":
+            inputs = _timed(photo, tuple(map(file_state, (photo, recording.gyro, recording.camera))), recording)
+        photo_gravity(photo, inputs, recording).warn()
+        return prepare(photo, recording, options, inputs=inputs)
+    except click.ClickException as error:
+        raise InputError(error.format_message()) from error
+
+
+@lru_cache(maxsize=2)
+def _timed(photo: Path, states: tuple[tuple[int, ...] | None, ...], recording: Recording) -> Inputs:
+    """Return the inputs of a photo whose time is that of its EXIF block; kept, because the search takes seconds."""
+    log, camera, exposure = read_recording(recording, photo)
+    return with_offset(Inputs(_picture(photo, states[0]), log, camera, exposure), photo)
+
+
+@lru_cache(maxsize=1)
+def _picture(photo: Path, _: tuple[int, ...] | None) -> Picture:
+    """Read a photo; kept for the next request."""
+    from rsdeblur.io.pictures import read_picture
+
+    return read_picture(photo)
+
+
+def _basis(words: tuple[str, ...], *_: tuple[int, ...] | None) -> Basis:
+    """Derive the strengths of a whole picture; kept for each choice of files, mode and prior."""
+    from rsdeblur.app import derive_basis
+
+    ready = _ready(_request(words))
+    picture, log, camera, exposure = ready.inputs
+    with ready.naming:
+        return derive_basis(picture.pixels, log, camera, exposure, replace(ready.options, check=False))
+
+
+def _shown(result: DeblurResult, ready: Prepared, crop: Crop, *, draft: bool) -> dict[str, Any]:
+    """Return the crop as data of the page; a draft shows its picture only."""
+    from rsdeblur.report.drawings import bank_data, picture_uris
+    from rsdeblur.report.figures import readout_data
+
+    inputs, transfer = ready.inputs, transfer_of(ready.inputs.picture, ready.options.transfer)
+    pictures = {"result": display_values(result.image, transfer)}
+    if not draft:
+        pictures["input"] = display_values(crop.cut(inputs.picture.pixels), transfer)
+    uris, _ = picture_uris(pictures, inputs.picture.icc_profile)
+    return {
+        "size": [crop.width, crop.height],
+        "box": list(crop),
+        "scale": result.image.shape[1] / crop.width,
+        "pictures": dict(zip(pictures, uris, strict=True)),
+        "banks": {} if draft else {"PSFs": bank_data(result.psfs)},
+        "motion": readout_data(inputs.camera.cropped(*crop), inputs.exposure),
+    }
+
+
+def arguments(form: Mapping[str, Any], moved: Mapping[str, Any] | None = None) -> list[str]:
+    """Return the arguments of `rsdeblur deblur` that a form means, with automatic strengths.
+
+    Empty texts are left out; `moved` are texts of sliders, which replace those of the form.
+    """
+    for name, label in (("photo", "photo"), ("gyro", "gyro log"), ("camera", "camera file")):
+        if not text_of(form, name):
+            raise InputError(f"choose the {label}")
+    words = [path_of(form, "photo")]
+    form = {**form, **(moved or {})}
+    for name in FORM:
+        if text_of(form, name):
+            words += [flag(name), path_of(form, name) if name in FILES else text_of(form, name)]
+    try:
+        return words + shlex.split(text_of(form, "more"))
+    except ValueError as error:
+        raise InputError(f"other options: {error}") from error
+
+
+def text_of(form: Mapping[str, Any], name: str) -> str:
+    """Return a text of a form without spaces around it; empty if it is missing."""
+    value = form.get(name)
+    if value is not None and not isinstance(value, str):
+        raise InputError(f"{name} must be a text, got {value!r}")
+    return (value or "").strip()
+
+
+def path_of(form: Mapping[str, Any], name: str) -> str:
+    """Return an absolute path, with which the command works in every folder."""
+    text = text_of(form, name)
+    return str(Path(text).expanduser().absolute()) if text else ""
+
+
+def moved_of(form: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the texts of the sliders that were moved, by the names of their options."""
+    moved = form.get("moved", {})
+    if not isinstance(moved, dict) or not moved.keys() <= set(MOVED):
+        raise InputError(f"moved must name sliders, got {moved!r}")
+    return moved
+
+
+def power_of(form: Mapping[str, Any]) -> float:
+    """Return by how many powers of ten the strength differs from the automatic one."""
+    return number_of(form, "power", 0.0, -3.0, 3.0)
+
+
+def number_of(form: Mapping[str, Any], name: str, default: float, least: float, most: float) -> float:
+    """Return a number of a form that must be between two others; the default if it is missing."""
+    value = form.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+        raise InputError(f"{name} must be a number from {least:g} to {most:g}, got {value!r}")
+    return float(value)
+
+
+def box_of(form: Mapping[str, Any]) -> list[int]:
+    """Return left, top, width and height of the crop, px; larger ones would be solved too slowly."""
+    box = form.get("box")
+    if not (isinstance(box, list) and len(box) == 4 and all(type(n) is int and n >= 0 for n in box)):
+        raise InputError(f"box must be four whole numbers, got {box!r}")
+    return [*box[:2], *(min(n, 1024) for n in box[2:])]

@@ -15,7 +15,6 @@ import click
 from rsdeblur import choices
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import (
-    Inputs,
     clip_exposures,
     display_values,
     naming,
@@ -37,7 +36,7 @@ from rsdeblur.cli._output import (
     say,
 )
 from rsdeblur.cli._photo import facts_of, refinement_facts, remarks, summary
-from rsdeblur.cli._report import Compared, capture_warnings, report_page
+from rsdeblur.cli._report import capture_warnings, complete
 from rsdeblur.cli._types import PATH, TextType, numbers
 from rsdeblur.errors import InputError
 from rsdeblur.pipeline.options import BLUR
@@ -50,6 +49,7 @@ if TYPE_CHECKING:
     from rsdeblur.motion.exposure import Exposure
     from rsdeblur.motion.gyro import GyroLog
     from rsdeblur.pipeline.options import Options
+    from rsdeblur.report import Page
 
 EXAMPLES = """\b
 Examples:
@@ -149,7 +149,7 @@ def command(
         from rsdeblur.report import write_page
 
         compared = _compared(clip or photos[result.reference], shots, facts, result, options)
-        write_page(report, report_page(compared, recording, options, texts))
+        write_page(report, complete(compared, recording, options, texts))
     if target.as_json:
         print_json(facts)
     else:
@@ -232,23 +232,24 @@ def _deblurred(
     return _facts(result, numbers, target.output, options, time.perf_counter() - begin), result
 
 
-def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: BurstResult, options: Options) -> Compared:
+def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: BurstResult, options: Options) -> Page:
     """Return the content of the page: the result beside the reference, and the weights of all frames."""
     from rsdeblur.cli._measure import peak_memory_mib
+    from rsdeblur.report import Page
 
     index, label = result.reference, f"burst, {result.mode}"
     picture = shots.pictures[index]
     transfer = transfer_of(picture, options.transfer)
-    return Compared(
+    return Page(
         {"photo": str(photo), "modes": {label: facts | {"peak_memory_mib": peak_memory_mib()}}},
-        Inputs(picture, shots.log, shots.camera, shots.exposures[index]),
+        *(picture, shots.log, shots.camera, shots.exposures[index]),
         {
             f"frame {facts['reference']}": display_values(picture.pixels, transfer),
             label: display_values(result.image, transfer),
         },
         {label: result.result.psfs},
-        1.0 - float(result.result.coverage.mean()),
         transfer,
+        1.0 - float(result.result.coverage.mean()),
         frames=[used | {"weights": frame.weights} for used, frame in zip(facts["frames"], result.frames, strict=True)],
     )
 

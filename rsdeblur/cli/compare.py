@@ -16,7 +16,7 @@ from rsdeblur.cli._inputs import display_values, transfer_of
 from rsdeblur.cli._options import Command, Recording, Target, option
 from rsdeblur.cli._output import check_page, prepare_folder, print_json, print_table, progress, say, write_json
 from rsdeblur.cli._photo import Prepared, facts_of, moment_facts, prepare, refinement_facts, remarks
-from rsdeblur.cli._report import Compared, capture_warnings, report_page
+from rsdeblur.cli._report import capture_warnings, complete
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError
 from rsdeblur.pipeline.options import BLUR
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from rsdeblur.io.pictures import Picture
     from rsdeblur.pipeline.options import Options
     from rsdeblur.psf import PsfBank
+    from rsdeblur.report import Page
 
 SHEET, MAP, REPORT = "side-by-side.png", "psfs.png", "compare.json"
 
@@ -85,7 +86,7 @@ def command(
     if report is not None:
         from rsdeblur.report import write_page
 
-        write_page(report, report_page(compared, recording, options, texts))
+        write_page(report, complete(compared, recording, options, texts))
         compared.report["report"] = str(report)
     write_json(output / REPORT, compared.report)
     if target.as_json:
@@ -111,7 +112,7 @@ def compare_modes(
     truth: Path | None,
     modes: Sequence[Mode] = MODES,
     changes: Mapping[Mode, Mapping[str, Any]] = MappingProxyType({}),
-) -> Compared:
+) -> Page:
     """Deblur `photo` in each mode, write the pictures into the folder of `target` and return the results.
 
     `changes` holds fields of `options` that differ in a mode.
@@ -124,6 +125,7 @@ def compare_modes(
     each_mode = {mode: _options.changed(ready.options, mode=mode, **changes.get(mode, {})) for mode in modes}
 
     from rsdeblur.cli._measure import similarity
+    from rsdeblur.report import Page
 
     shown = {"input": display_values(picture.pixels, transfer)}
     report: dict[str, Any] = {"photo": str(photo), "size_px": list(picture.pixels.shape[1::-1])}
@@ -131,7 +133,7 @@ def compare_modes(
     if sharp is not None:
         report |= {"truth": str(truth), "blurred": similarity(shown["input"], sharp)}
     report["modes"] = {}
-    compared = Compared(report, ready.inputs, shown, {}, 0.0, transfer)
+    compared = Page(report, *ready.inputs, shown, {}, transfer)
     compared = _solve(ready, compared, each_mode, target)
     if sharp is not None:
         for mode in modes:
@@ -141,7 +143,7 @@ def compare_modes(
     return compared
 
 
-def _solve(ready: Prepared, compared: Compared, each_mode: Mapping[Mode, Options], target: Target) -> Compared:
+def _solve(ready: Prepared, compared: Page, each_mode: Mapping[Mode, Options], target: Target) -> Page:
     """Deblur and write the picture in each mode, and return the comparison with the results."""
     from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, stopwatch
     from rsdeblur.io.picture_output import write_picture

@@ -1,174 +1,190 @@
-"""The report: one page of HTML that contains everything it shows, so that it needs no network."""
+"""Pages of HTML that contain everything they show, so that they need no network: the report and the list of a batch."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
+import json
 import math
 import os
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from itertools import pairwise
+from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Any, NamedTuple
+from urllib.parse import quote
 
-import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageOps
 
 from rsdeblur._util.atomic import atomic_write
-from rsdeblur._util.one_line import one_line
-from rsdeblur.choices import VERDICTS
-from rsdeblur.errors import InputError
+from rsdeblur.choices import VERDICTS, Transfer
+from rsdeblur.io.pictures import Picture
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.psf import PsfBank
-from rsdeblur.report.bands import BandFigures
-from rsdeblur.report.embed import (
-    MotionPlot,
-    bank_data,
-    motion_data,
-    picture_uris,
-    script_json,
-    telling_place,
-    weight_map_uri,
-)
-from rsdeblur.report.findings import Finding
+from rsdeblur.report.drawings import bank_data, picture_uris, thumbnail_uri, weight_map_uri
+from rsdeblur.report.figures import LEVELS, VERDICT_LEVELS, Finding, band_figures, findings, motion_data, telling_place
 
-LEVELS = {"warning": "Warning", "note": "Note", "good": "Good"}
-PARTS = ("page.html", "page.css", "page_shared.js", "page_viewer.js", "page_plots.js")
-# Levels of the verdicts of the check; others are warnings.
-VERDICT_LEVELS = {"good": "good", "cannot tell": "note", "doubtful": "note"}
 STAGES = ("highlights", "tune", "align", "psfs", "plan", "apply", "rectify", "check")
 TIMES, NONE = "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
+# Verdicts on the items of a batch, the worst first.
+ORDER = ("failed", *reversed(VERDICTS), "not checked")
 
 
-@one_line()
-@dataclass(frozen=True, slots=True, eq=False)
-class Page:
-    """Content of a report.
+class Page(NamedTuple):
+    """Content of a report: a photo and its results.
 
-    Parameters
-    ----------
-    photo : str
-        Name of the picture.
-    pictures : mapping of str to ndarray
-        Display values in [0, 1], all of one size; the keys are the labels, the blurred input is the first.
-    banks : mapping of str to PsfBank
-        The kernels of each mode.
-    motion : MotionPlot
-        The rates around the exposure, and the windows of the rows.
-    bands : BandFigures
-        Sharpness and ringing of the pictures.
-    modes : mapping of str to mapping
-        Results of each mode, as `rsdeblur compare` reports them.
-    settings : mapping of str to mapping of str to str
-        Tables of names and values, by title.
-    findings : sequence of Finding
-        Outcomes of the checks, warnings first.
-    frames : sequence of mapping
-        Frames of a burst as `rsdeblur burst` reports them, each with its `weights` at the places of the input.
-    blurred : mapping, optional
-        `psnr_db` and `ssim` of the input, where the true picture is known.
-    icc_profile : bytes, optional
-        Colour profile of the pictures.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two pictures, or their sizes differ.
+    `report` contains the facts as `rsdeblur compare` writes them. `shown` contains display values in [0, 1] by label,
+    the blurred input first, `banks` the PSFs by mode; `unseen` is the fraction of the pixels that were never exposed.
+    `recorded` contains the PSFs before a correction, `frames` the facts of the frames of a burst, each with its
+    `weights` at the places of the input, and `settings` tables of names and values by title. `remarks` are findings
+    beside those that the content gives.
     """
 
-    photo: str
-    pictures: Mapping[str, NDArray[np.floating]]
+    report: dict[str, Any]
+    picture: Picture
+    log: GyroLog
+    camera: Camera
+    exposure: Exposure
+    shown: dict[str, NDArray[Any]]
     banks: Mapping[str, PsfBank]
-    motion: MotionPlot
-    bands: BandFigures
-    modes: Mapping[str, Mapping[str, Any]]
-    settings: Mapping[str, Mapping[str, str]]
-    findings: Sequence[Finding]
+    transfer: Transfer
+    unseen: float = 0.0
+    recorded: PsfBank | None = None
     frames: Sequence[Mapping[str, Any]] = ()
-    blurred: Mapping[str, float | None] | None = None
-    icc_profile: bytes | None = None
-
-    def __post_init__(self) -> None:
-        if len(self.pictures) < 2:
-            raise InputError(f"a report compares at least two pictures, got {len(self.pictures)}")
-        sizes = {picture.shape[:2] for picture in self.pictures.values()}
-        if len(sizes) > 1:
-            raise InputError(f"all pictures of a report must have one size, got {sorted(sizes)}")
+    settings: Mapping[str, Mapping[str, str]] = {}
+    remarks: Sequence[Finding] = ()
 
     @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the pictures, px."""
-        height, width = next(iter(self.pictures.values())).shape[:2]
-        return width, height
+    def findings(self) -> list[Finding]:
+        """Outcomes of all checks, warnings first."""
+        modes = self.report["modes"].items()
+        tall, wide = (max(sides) for sides in zip(*(bank.size for bank in self.banks.values()), strict=True))
+        outcomes = findings(
+            *(self.picture.pixels, self.log, self.camera, self.exposure),
+            psf=(tall, wide),
+            checks={mode: facts["check"] for mode, facts in modes if facts.get("check") is not None},
+            unseen=self.unseen,
+            can_split=not any("highlights" in facts["timings"] for _, facts in modes),
+        )
+        return sorted([*self.remarks, *outcomes], key=lambda finding: LEVELS.index(finding.level))
+
+    @property
+    def best(self) -> str:
+        """Label of the best result: by PSNR if the truth is known, then by verdict, then the last one."""
+        modes = self.report["modes"]
+        results = [label for label in self.shown if label in modes] or list(self.shown)[1:]
+
+        def rank(label: str) -> tuple[float, int, int]:
+            psnr, verdict = modes.get(label, {}).get("psnr_db", 0.0), _verdict(modes.get(label, {}))
+            place = VERDICTS.index(verdict) if verdict in VERDICTS else len(VERDICTS)
+            return math.inf if psnr is None else psnr, -place, results.index(label)
+
+        return max(results, key=rank)
 
 
 def write_page(path: str | os.PathLike[str], page: Page) -> None:
-    """Write `page` as one file of HTML, which appears whole or not at all.
-
-    Parameters
-    ----------
-    path : path-like
-        The file. An existing one is replaced.
-    page : Page
-        The content.
+    """Write a report as one file of HTML, which appears whole or not at all; an existing one is replaced.
 
     Raises
     ------
     OutputError
         If the file cannot be written.
     """
-    text = render(page)
+    _write(path, render(page))
+
+
+def _write(path: str | os.PathLike[str], text: str) -> None:
     with atomic_write(path) as file:
-        # A file name that is not valid Unicode must not prevent the report.
+        # A file name that is not valid Unicode must not prevent the page.
         file.write(text.encode("utf-8", "replace"))
 
 
-def render(page: Page) -> str:
-    """Return the page as HTML. Text from files is escaped, and the page's policy forbids all scripts but its own."""
-    uris, scale = picture_uris(page.pictures, page.icc_profile)
-    width, height = page.size
-    template, style, *scripts = map(part, PARTS)
-    script = "\n".join(scripts)
-    best = _best(page)
-    data = {
-        "size": [width, height],
-        "scale": scale,
-        "banks": {label: bank_data(bank) for label, bank in page.banks.items()},
-        "motion": motion_data(page.motion),
-        "best": best,
-        "place": telling_place(page.pictures, best),
-        "bands": {"edges": page.bands.edges, "sharpness": page.bands.sharpness, "ringing": page.bands.ringing},
-    }
-    return Template(template).substitute(
-        title=escape(page.photo),
-        policy=f"default-src 'none'; img-src data:; style-src {allowed_hash(style)}; script-src {allowed_hash(script)}",
-        style=style,
-        script=script,
-        verdict=_verdict(best, page.modes.get(best, {})),
-        viewer=part("page_viewer.html"),
-        summary=_summary(page.findings),
-        size=f"{width} {TIMES} {height} px",
-        scale=_scale(scale, width, height),
-        pictures="\n".join(_figure(label, uri) for label, uri in zip(page.pictures, uris, strict=True)),
-        frames=_frames(page),
-        modes=_modes(page),
-        bands=_bands(page.bands, page.motion.axis),
-        findings="\n".join(map(_finding, page.findings)),
-        settings="\n".join(_settings(title, rows) for title, rows in page.settings.items()),
-        data=script_json(data),
+def document(
+    *, kind: str, title: str, facts: str, main: str, style: str = "", scripts: Sequence[str] = (), allowed: str = ""
+) -> str:
+    """Return a page as HTML, whose policy forbids every script and style but its own.
+
+    `facts` and `main` are HTML, in which text from files must be escaped; `title` is text. `scripts` are names of
+    files that are joined into one module behind `main`, `style` follows that of all pages, and `allowed` is added to
+    the policy.
+    """
+    styles, script = part("page.css") + style, "\n".join(map(part, scripts))
+    hashes = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in (styles, script))
+    policy = "default-src 'none'; img-src data:; style-src 'sha256-{}'; script-src 'sha256-{}'".format(*hashes)
+    module = f'<script type="module">{script}</script>' if scripts else ""
+    return Template(part("page_shell.html")).substitute(
+        kind=kind, title=escape(title), facts=facts, main=main, style=styles, policy=policy + allowed, scripts=module
     )
 
 
 def part(name: str) -> str:
-    """Return the text of a file that the page is made of."""
-    return files("rsdeblur.report").joinpath(name).read_text("utf-8")
+    """Return the text of a file that pages are made of."""
+    return files("rsdeblur").joinpath("app" if name.startswith("app.") else "report", name).read_text("utf-8")
 
 
-def allowed_hash(text: str) -> str:
-    """Return the hash by which a page's policy allows a style or a script."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+def render(page: Page) -> str:
+    """Return a report as HTML."""
+    # Linear light is encoded as sRGB for display; stored values keep their profile.
+    is_stored = page.transfer != "linear" and page.picture.pixels.ndim == 3
+    uris, scale = picture_uris(page.shown, page.picture.icc_profile if is_stored else None)
+    height, width = next(iter(page.shown.values())).shape[:2]
+    best, outcomes, modes = page.best, page.findings, page.report["modes"]
+    checks = {mode: facts["check"] for mode, facts in modes.items() if facts.get("check")}
+    ringings = {mode: check["ringings"] for mode, check in checks.items() if "ringings" in check}
+    bands = band_figures(page.shown, ringings, across=page.camera.horizontal_readout)
+    banks = dict(page.banks) | ({"as recorded": page.recorded} if page.recorded else {})
+    data = {
+        "size": [width, height],
+        "scale": scale,
+        "banks": {label: bank_data(bank) for label, bank in banks.items()},
+        "motion": motion_data(page.log, page.camera, page.exposure),
+        "best": best,
+        "place": telling_place(next(iter(page.shown.values())), page.shown[best]),
+        "bands": bands,
+    }
+    warnings = sum(finding.level == "warning" for finding in outcomes)
+    summary = f"{warnings or 'no'} warning{'s' * (warnings != 1)}"
+    badge = f"{escape(best)}: {_badge(modes[best])} · " if best in checks else ""
+    main = Template(part("page.html")).substitute(
+        viewer=part("page_viewer.html"),
+        scale=_scale(scale, width, height),
+        pictures="\n".join(_figure(label, uri) for label, uri in zip(page.shown, uris, strict=True)),
+        frames=_frames(page),
+        modes=_modes(page),
+        bands=_bands(bands, "columns" if page.camera.horizontal_readout else "rows"),
+        findings="\n".join(map(_finding, outcomes)),
+        settings="\n".join(_settings(title, rows) for title, rows in page.settings.items()),
+        data=script_json(data),
+    )
+    return document(
+        kind="rsdeblur report",
+        title=Path(page.report["photo"]).name,
+        facts=f'{badge}{width} {TIMES} {height} px · <a href="#findings">{summary}</a>',
+        main=main,
+        scripts=("page_viewer.js", "page_plots.js"),
+    )
+
+
+def script_json(payload: Any) -> str:
+    """Return JSON that is safe in a script element: no text in it can end the element or open a comment."""
+    text = json.dumps(payload, separators=(",", ":"), allow_nan=False)
+    return text.replace("&", r"\u0026").replace("<", r"\u003c").replace(">", r"\u003e")
+
+
+def _verdict(facts: Mapping[str, Any]) -> str:
+    """Return the verdict on a result: that of the check, "failed" or "not checked"."""
+    return "failed" if "error" in facts else str((facts.get("check") or {}).get("verdict", "not checked"))
+
+
+def _badge(facts: Mapping[str, Any]) -> str:
+    verdict = _verdict(facts)
+    return f'<span class="verdict {VERDICT_LEVELS.get(verdict, "warning")}">{verdict}</span>'
 
 
 def _scale(scale: float, width: int, height: int) -> str:
@@ -180,36 +196,8 @@ def _scale(scale: float, width: int, height: int) -> str:
     )
 
 
-def _best(page: Page) -> str:
-    """Return the label of the best result: by PSNR if the truth is known, then by verdict, then the last one."""
-    results = [label for label in page.pictures if label in page.modes] or list(page.pictures)[1:]
-
-    def rank(label: str) -> tuple[float, int, int]:
-        result = page.modes.get(label, {})
-        psnr = result.get("psnr_db", 0.0)
-        verdict = (result.get("check") or {}).get("verdict")
-        place = VERDICTS.index(verdict) if verdict in VERDICTS else len(VERDICTS)
-        return math.inf if psnr is None else psnr, -place, results.index(label)
-
-    return max(results, key=rank)
-
-
-def _verdict(label: str, result: Mapping[str, Any]) -> str:
-    """Return the verdict on the best result, for the header; nothing if it was not judged."""
-    verdict = (result.get("check") or {}).get("verdict")
-    if verdict is None:
-        return ""
-    level = VERDICT_LEVELS.get(verdict, "warning")
-    return f'{escape(label)}: <span class="verdict {level}">{verdict}</span> · '
-
-
-def _summary(findings: Sequence[Finding]) -> str:
-    count = sum(finding.level == "warning" for finding in findings)
-    return "no warnings" if not count else f"{count} warning{'s' * (count > 1)}"
-
-
 def _finding(finding: Finding) -> str:
-    badge = f'<span class="badge">{LEVELS[finding.level]}</span>'
+    badge = f'<span class="badge">{finding.level.capitalize()}</span>'
     text = f"<span><strong>{escape(finding.subject)}.</strong> {escape(finding.text)}</span>"
     return f'<li class="{finding.level}">{badge}{text}</li>'
 
@@ -220,14 +208,12 @@ def _figure(label: str, uri: str) -> str:
 
 
 def _modes(page: Page) -> str:
-    has_truth = page.blurred is not None
-    stages = [stage for stage in STAGES if any(stage in result["timings"] for result in page.modes.values())]
+    modes, blurred = page.report["modes"], page.report.get("blurred")
+    stages = [stage for stage in STAGES if any(stage in result["timings"] for result in modes.values())]
     header = ["mode", "PSFs", "PSF px", "NSR", "weight", "time s", *(f"{stage} s" for stage in stages), "peak MiB"]
-    header += ["PSNR dB", "SSIM"] * has_truth
-    rows = []
-    if page.blurred is not None:
-        rows.append([next(iter(page.pictures)), *[""] * (len(header) - 3), *_similarity(page.blurred)])
-    for mode, result in page.modes.items():
+    header += ["PSNR dB", "SSIM"] * (blurred is not None)
+    rows = [] if blurred is None else [[next(iter(page.shown)), *[""] * (len(header) - 3), *_similarity(blurred)]]
+    for mode, result in modes.items():
         memory = result["peak_memory_mib"]
         rows.append(
             [
@@ -239,10 +225,14 @@ def _modes(page: Page) -> str:
                 f"{result['seconds']:.2f}",
                 *(f"{result['timings'].get(stage, 0.0):.2f}" for stage in stages),
                 NONE if memory is None else f"{memory:.0f}",
-                *(_similarity(result) if has_truth else []),
+                *(_similarity(result) if blurred is not None else []),
             ]
         )
     return _table("Modes, strengths, times and memory", header, rows)
+
+
+def _similarity(result: Mapping[str, Any]) -> list[str]:
+    return ["∞" if result["psnr_db"] is None else f"{result['psnr_db']:.2f}", f"{result['ssim']:.3f}"]
 
 
 def _frames(page: Page) -> str:
@@ -250,40 +240,32 @@ def _frames(page: Page) -> str:
     if not page.frames:
         return ""
     header = ["frame", "share", "fits %", "blur px", "shift px", "brightness", "noise"]
-    rows = [
-        [
-            str(use["frame"]),
-            f"{use['share']:.2f}",
-            f"{100 * use['support']:.0f}",
-            *(f"{use[name]:.1f}" for name in ("blur", "shift")),
-            f"{use['gain']:.2f}",
-            f"{use['noise']:.4f}",
-        ]
-        for use in page.frames
-    ]
-    picture = next(iter(page.pictures.values()))
+    row = "{frame}|{share:.2f}|{support:.0%}|{blur:.1f}|{shift:.1f}|{gain:.2f}|{noise:.4f}"
+    rows = [row.format(**use).replace("%", "").split("|") for use in page.frames]
+    picture = next(iter(page.shown.values()))
     maps = "\n".join(_figure(f"frame {use['frame']}", weight_map_uri(picture, use["weights"])) for use in page.frames)
-    table = _table("Frames and what they contribute", header, rows)
-    return Template(part("page_frames.html")).substitute(table=table, maps=maps)
+    return f"""
+<section aria-labelledby="frames-title">
+  <h2 id="frames-title">Frames</h2>
+{_table("Frames and what they contribute", header, rows)}
+  <p class="hint">Each map shows the picture whose pose the result has. Where it is orange, the frame does not count:
+    something moved, its motion is wrong, or it does not show the place.</p>
+  <div class="maps">
+{maps}
+  </div>
+</section>
+"""
 
 
-def _similarity(result: Mapping[str, Any]) -> list[str]:
-    return ["∞" if result["psnr_db"] is None else f"{result['psnr_db']:.2f}", f"{result['ssim']:.3f}"]
-
-
-def _bands(bands: BandFigures, axis: str) -> str:
-    lines = "rows" if axis == "y" else "columns"
-    labels = [f"{a} to {b - 1}" for a, b in pairwise(bands.edges)]
+def _bands(bands: Mapping[str, Any], lines: str) -> str:
     tables = []
-    for title, figures in (
-        (f"Sharpness, {TIMES} the input's", bands.sharpness),
-        ("Ringing, % of contrast", bands.ringing),
-    ):
+    titles = {"sharpness": f"Sharpness, {TIMES} the input's", "ringing": "Ringing, % of contrast"}
+    for name, title in titles.items():
         rows = [
-            [label, *(NONE if values[i] is None else f"{values[i]:.2f}" for values in figures.values())]
-            for i, label in enumerate(labels)
+            [f"{a} to {b - 1}", *(NONE if values[i] is None else f"{values[i]:.2f}" for values in bands[name].values())]
+            for i, (a, b) in enumerate(pairwise(bands["edges"]))
         ]
-        tables.append(_table(title, [lines, *figures], rows))
+        tables.append(_table(title, [lines, *bands[name]], rows))
     return "\n".join(tables)
 
 
@@ -301,3 +283,53 @@ def _table(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -
     table = f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     # A wide table scrolls inside its region, which `tabindex` makes possible with the keyboard too.
     return f'<div class="wide" tabindex="0" role="region" aria-label="{escape(caption)}">{table}</div>'
+
+
+def write_batch_page(path: str | os.PathLike[str], entries: Sequence[Mapping[str, Any]], *, title: str) -> None:
+    """Write a page with a thumbnail of every photo of a batch beside its result, the most doubtful first.
+
+    Parameters
+    ----------
+    path : path-like
+        The file. An existing one is replaced.
+    entries : sequence of mapping
+        The items as `rsdeblur batch` reports them in ``batch.json``.
+    title : str
+        Heading of the page.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    counts = Counter(map(_verdict, entries))
+    ordered = sorted(entries, key=lambda entry: ORDER.index(_verdict(entry)))
+    items = "\n".join(_item(entry, Path(path).parent) for entry in ordered)
+    text = document(
+        kind="rsdeblur batch",
+        title=title,
+        facts=", ".join(f"{counts[verdict]} {verdict}" for verdict in ORDER if counts[verdict]),
+        main=f'<h2>Photos, the most doubtful first</h2>\n<div class="pairs">\n{items}\n</div>',
+    )
+    _write(path, text)
+
+
+def _item(entry: Mapping[str, Any], folder: Path) -> str:
+    reasons = entry.get("error") or " ".join((entry.get("check") or {}).get("reasons", ()))
+    name = escape(Path(entry["photo"]).name)
+    images = _thumbnail(Path(entry["photo"]), f"{name}, the photo")
+    if "error" not in entry and "output" in entry:
+        link = escape(quote(os.path.relpath(entry["output"], folder)))
+        images += f'<a href="{link}">{_thumbnail(Path(entry["output"]), f"{name}, the result")}</a>'
+    return f"<figure>{images}<figcaption>{_badge(entry)} {name}<br>{escape(str(reasons))}</figcaption></figure>"
+
+
+def _thumbnail(path: Path, label: str) -> str:
+    """Return a thumbnail, or the label alone if the file is no picture that Pillow reads."""
+    try:
+        with Image.open(path) as picture:
+            picture.draft("RGB", (280, 280))
+            uri = thumbnail_uri(ImageOps.exif_transpose(picture).convert("RGB"), 280)
+    except (OSError, ValueError, Image.DecompressionBombError):
+        return f"<span>{label}</span>"
+    return f'<img src="{uri}" alt="{label}">'

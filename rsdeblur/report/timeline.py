@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from xml.etree import ElementTree
 
 import numpy as np
 
 from rsdeblur.motion.triage import DECISIONS, Triage
 
 WIDE, TALL = 960, 360
-LEFT, RIGHT, TOP, BOTTOM = 56, 16, 34, 44
+LEFT, RIGHT, TOP, BOTTOM = 56, 944, 34, 316
 # px: the axis is logarithmic and ends here; shorter paths are drawn at its lower end.
 LEAST, MOST = 0.1, 1000.0
 COLOURS = {"keep": "#2a9d5c", "deblur": "#2b7bba", "drop": "#c8443c", "unknown": "#8a8a8a"}
@@ -43,43 +42,36 @@ def timeline_svg(times: Sequence[float | None], triage: Triage) -> bytes:
     first, last = min(known_times, default=0.0), max(known_times, default=0.0)
 
     def across(time: float) -> float:
-        return LEFT + (WIDE - LEFT - RIGHT) * (time - first) / ((last - first) or 1.0)
+        return LEFT + (RIGHT - LEFT) * (time - first) / ((last - first) or 1.0)
 
     def down(length: float) -> float:
         share = (np.log10(np.clip(length, LEAST, 10.0**high)) - low) / (high - low)
-        return float(TALL - BOTTOM - (TALL - TOP - BOTTOM) * share)
+        return float(BOTTOM - (BOTTOM - TOP) * share)
 
-    root = ElementTree.Element("svg", xmlns="http://www.w3.org/2000/svg", viewBox=f"0 0 {WIDE} {TALL}", width="100%")
-    _add(root, "style").text = STYLE
-    _add(root, "rect", {"class": "ground"}, width="100%", height="100%")
+    def text(x: float, y: float, words: str, anchor: str = "start") -> str:
+        return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{words}</text>'
+
+    def line(kind: str, length: float) -> str:
+        return f'<line class="{kind}" x1="{LEFT}" x2="{RIGHT}" y1="{down(length):.1f}" y2="{down(length):.1f}"/>'
+
+    def dot(x: float, y: float, r: float, decision: str) -> str:
+        return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{r}" fill="{COLOURS[decision]}"/>'
+
+    parts = [f"<style>{STYLE}</style>", '<rect class="ground" width="100%" height="100%"/>']
     for tick in 10.0 ** np.arange(low, high + 1):
-        _add(root, "line", {"class": "grid"}, x1=LEFT, x2=WIDE - RIGHT, y1=down(tick), y2=down(tick))
-        _add(root, "text", {"text-anchor": "end"}, x=LEFT - 6, y=down(tick) + 4).text = f"{tick:g}"
+        parts += [line("grid", tick), text(LEFT - 6, down(tick) + 4, f"{tick:g}", "end")]
     for limit, meaning in ((triage.keep, "keep up to"), (triage.drop, "drop above")):
         if LEAST <= limit <= 10.0**high:
-            place = down(limit)
-            _add(root, "line", {"class": "limit"}, x1=LEFT, x2=WIDE - RIGHT, y1=place, y2=place)
-            _add(root, "text", {"text-anchor": "end"}, x=WIDE - RIGHT - 6, y=place - 4).text = f"{meaning} {limit:g} px"
+            parts += [line("limit", limit), text(RIGHT - 6, down(limit) - 4, f"{meaning} {limit:g} px", "end")]
     for time, length, decision in zip(times, triage.lengths, triage.decisions, strict=True):
         if time is not None:
-            height = down(LEAST if np.isnan(length) else length)
-            _add(root, "circle", cx=across(time), cy=height, r=2.5, fill=COLOURS[decision])
-    _add(root, "rect", {"class": "frame"}, x=LEFT, y=TOP, width=WIDE - LEFT - RIGHT, height=TALL - TOP - BOTTOM)
+            parts.append(dot(across(time), down(LEAST if np.isnan(length) else length), 2.5, decision))
+    parts.append(f'<rect class="frame" x="{LEFT}" y="{TOP}" width="{RIGHT - LEFT}" height="{BOTTOM - TOP}"/>')
     for time in dict.fromkeys((first, last)):
-        anchor = {"text-anchor": "start" if time == first else "end"}
-        _add(root, "text", anchor, x=across(time), y=TALL - BOTTOM + 16).text = f"{time:.4g}"
-    _add(root, "text", {"text-anchor": "middle"}, x=WIDE / 2, y=TALL - 10).text = "time, s"
-    _add(root, "text", x=8, y=20).text = "longest path, px"
+        parts.append(text(across(time), BOTTOM + 16, f"{time:.4g}", "start" if time == first else "end"))
+    parts += [text(WIDE / 2, TALL - 10, "time, s", "middle"), text(8, 20, "longest path, px")]
     for i, decision in enumerate(DECISIONS):
-        _add(root, "circle", cx=LEFT + 140 + 130 * i, cy=16, r=4, fill=COLOURS[decision])
-        label = _add(root, "text", x=LEFT + 150 + 130 * i, y=20)
-        label.text = f"{decision}: {triage.counts[decision]}"
-    drawing: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
-    return drawing
-
-
-def _add(
-    parent: ElementTree.Element, tag: str, attributes: dict[str, str] | None = None, **places: object
-) -> ElementTree.Element:
-    texts = {name: f"{value:.1f}" if isinstance(value, float) else str(value) for name, value in places.items()}
-    return ElementTree.SubElement(parent, tag, {**(attributes or {}), **texts})
+        label = f"{decision}: {triage.counts[decision]}"
+        parts += [dot(LEFT + 140 + 130 * i, 16, 4, decision), text(LEFT + 150 + 130 * i, 20, label)]
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE} {TALL}" width="100%">'
+    return f"{head}{''.join(parts)}</svg>\n".encode()

@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 
 from rsdeblur import Exposure, Options, read_camera, read_gyro, read_picture
-from rsdeblur.app import Crop, LocalServer, derive_basis, page_files, solve_crop
-from rsdeblur.cli._desk import Desk
+from rsdeblur.app import Crop, LocalServer, app_page, derive_basis, solve_crop
+from rsdeblur.cli.app import Desk
 from rsdeblur.errors import InputError, OutputError, RsdeblurError
 
 
@@ -133,7 +133,7 @@ def test_the_page_in_a_browser(browser, files, form, tmp_path):
     given = {name: form[name] for name in ("gyro", "camera", "start", "duration")}
     complaints: list[str] = []
     requests: list[str] = []
-    with Desk([form["photo"]], given) as desk, LocalServer(page_files(), desk.actions, desk.upload) as server:
+    with Desk([form["photo"]], given) as desk, LocalServer(app_page(), desk.actions, desk.upload) as server:
         threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
         context = browser.new_context(viewport={"width": 390, "height": 844}, color_scheme="dark")
         tab = context.new_page()

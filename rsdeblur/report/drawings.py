@@ -1,0 +1,364 @@
+"""Drawings with Pillow: pictures in 8 bits, kernels at their places, grids of captioned pictures, data for pages."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from io import BytesIO
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from rsdeblur.errors import InputError
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatArray, FloatImage
+
+Display = NDArray[np.floating]
+Colour = tuple[int, int, int]
+Box = tuple[int, int, int, int]
+
+GROUND: Colour = (24, 25, 28)
+TEXT: Colour = (232, 232, 228)
+MARKS: tuple[Colour, ...] = ((255, 176, 59), (94, 206, 255), (148, 232, 128))
+DIM = 0.4  # brightness left to a picture below kernels
+FILLED = 0.94  # share of the room between two places that a kernel may fill
+# px: width of a picture in a grid, space between two, and size of text.
+PANEL, GUTTER, FONT = 560, 10, 18
+# px of the longer side of a map of PSFs, below which is a caption.
+LONG_SIDE, FOOTER = 1600, 40
+# Bytes of the pictures of a page together; base64 adds a third. JPEG's quality.
+BUDGET, QUALITY = 9 * 2**20, 92
+
+
+def rgb8(name: str, image: Display) -> Image.Image:
+    """Return display values in [0, 1], grey or RGB, as an 8-bit RGB picture; alpha is left out.
+
+    Raises
+    ------
+    InputError
+        If `image` does not have the shape of a picture; the message calls it `name`.
+    """
+    values = np.asarray(image)
+    if values.ndim == 2:
+        values = values[..., None]
+    if values.ndim != 3 or values.shape[2] not in (1, 2, 3, 4) or not values.size:
+        raise InputError(f"{name} must be a picture of shape (H, W) or (H, W, C), got {np.shape(image)}")
+    colours = values[..., :3] if values.shape[2] >= 3 else np.repeat(values[..., :1], 3, axis=2)
+    return Image.fromarray(np.round(np.clip(colours, 0.0, 1.0) * 255.0).astype(np.uint8))
+
+
+def _display(image: Image.Image) -> FloatImage:
+    return np.asarray(image, dtype=np.float32) / np.float32(255.0)
+
+
+def _caption(image: Image.Image, corner: tuple[int, int], text: str) -> None:
+    ImageDraw.Draw(image).text(corner, text, fill=TEXT, font=ImageFont.load_default(FONT))
+
+
+def _to_width(image: Image.Image, width: int) -> Image.Image:
+    height = max(round(image.height * width / image.width), 1)
+    # Enlarged pixels stay recognisable; reduced ones are averaged well.
+    method = Image.Resampling.BICUBIC if width > image.width else Image.Resampling.LANCZOS
+    return image.resize((width, height), method)
+
+
+def _grid(cells: Sequence[tuple[str, Image.Image]], columns: int) -> FloatImage:
+    """Lay pictures of one size out in rows, each below its caption."""
+    title = 2 * FONT - 4
+    across, down = cells[0][1].width + GUTTER, cells[0][1].height + title + GUTTER
+    sheet = Image.new("RGB", (columns * across + GUTTER, -(-len(cells) // columns) * down + GUTTER), GROUND)
+    for i, (label, picture) in enumerate(cells):
+        x, y = GUTTER + i % columns * across, i // columns * down
+        _caption(sheet, (x + 2, y + 6), label)
+        sheet.paste(picture, (x, y + title))
+    return _display(sheet)
+
+
+def contact_sheet(cells: Sequence[tuple[str, Display, Display]], *, marked: int | None = None) -> FloatImage:
+    """Lay results out in a grid that is as square as possible.
+
+    Parameters
+    ----------
+    cells : sequence of (label, picture, kernel)
+        Display values in [0, 1], all pictures of one size. The kernel is drawn into the upper right corner, brightened
+        to its peak; all kernels have one scale.
+    marked : int, optional
+        Index of a cell to frame.
+
+    Returns
+    -------
+    ndarray, shape (h, w, 3), float32
+        Display values in [0, 1].
+    """
+    pictures = [_to_width(rgb8(label, picture), PANEL) for label, picture, _ in cells]
+    zoom = 0.2 * PANEL / max(max(kernel.shape) for _, _, kernel in cells)
+    for i, (picture, (_, _, kernel)) in enumerate(zip(pictures, cells, strict=True)):
+        size = max(round(kernel.shape[1] * zoom), 8), max(round(kernel.shape[0] * zoom), 8)
+        drawn = rgb8("kernel", brightness(np.asarray(kernel))).resize(size, Image.Resampling.BICUBIC)
+        picture.paste(drawn, (PANEL - size[0], 0))
+        if i == marked:
+            ImageDraw.Draw(picture).rectangle((0, 0, PANEL - 1, picture.height - 1), outline=MARKS[0], width=4)
+    columns = round(math.sqrt(len(cells) * (pictures[0].height + 2 * FONT) / PANEL))
+    return _grid([(cell[0], picture) for cell, picture in zip(cells, pictures, strict=True)], max(columns, 1))
+
+
+def side_by_side(images: Mapping[str, Display]) -> FloatImage:
+    """Lay labelled pictures side by side, and below each the same details enlarged.
+
+    Parameters
+    ----------
+    images : mapping of str to ndarray
+        Display values in [0, 1], grey or RGB, all of one height and width; the keys are the labels. The box with most
+        detail is chosen in each third of the height.
+
+    Returns
+    -------
+    ndarray, shape (h, w, 3), float32
+        Display values in [0, 1].
+
+    Raises
+    ------
+    InputError
+        If the sizes differ.
+    """
+    panels = {label: rgb8(f"picture {label!r}", image) for label, image in images.items()}
+    if len({panel.size for panel in panels.values()}) > 1:
+        sizes = ", ".join(f"{label!r} has {panel.width}x{panel.height} px" for label, panel in panels.items())
+        raise InputError(f"pictures side by side need one size: {sizes}")
+    boxes = _detailed(list(panels.values()), len(MARKS))
+    return _grid([(label, _with_details(panel, boxes)) for label, panel in panels.items()], len(panels))
+
+
+def _with_details(panel: Image.Image, boxes: Sequence[Box]) -> Image.Image:
+    """Return a picture with frames around its details, and the details below it."""
+    parts = [_to_width(part, PANEL) for part in (panel, *(panel.crop(box) for box in boxes))]
+    column = Image.new("RGB", (PANEL, sum(part.height + GUTTER for part in parts) - GUTTER), GROUND)
+    pen, y = ImageDraw.Draw(column), 0
+    for i, part in enumerate(parts):
+        column.paste(part, (0, y))
+        if i:
+            corners = tuple(PANEL / panel.width * place for place in boxes[i - 1])
+            for frame in (corners, (0, y, PANEL - 1, y + part.height - 1)):
+                pen.rectangle(frame, outline=MARKS[i - 1], width=2)
+        y += part.height + GUTTER
+    return column
+
+
+def _detailed(panels: Sequence[Image.Image], count: int) -> list[Box]:
+    """Return `count` boxes of 4:3, from top to bottom, where the pictures have most detail."""
+    width, height = panels[0].size
+    tall = max(min(height, round(0.75 * width)) // 4, min(height, 16))
+    wide = min(round(tall * 4 / 3), width)
+    # The square root keeps one hard edge from outweighing fine print.
+    detail = np.sum([np.sqrt(_gradient(panel)) for panel in panels], axis=0)
+    sums = box_sums(detail, tall, wide)
+    # Deblurring is worst along the picture's edge.
+    edge = min(24, height // 16, (width - wide) // 2)
+    boxes = []
+    for i in range(count):
+        # A box lies wholly in its part of the height, unless the box is taller than the part.
+        part = (height - 2 * edge) / count
+        first = min(round(edge + i * part), height - tall)
+        last = max(round(edge + (i + 1) * part) - tall + 1, first + 1)
+        inside = sums[first:last, edge : width - wide - edge + 1]
+        top, left = np.add(np.unravel_index(np.argmax(inside), inside.shape), (first, edge)).tolist()
+        boxes.append((left, top, left + wide, top + tall))
+    return boxes
+
+
+def _gradient(panel: Image.Image) -> FloatArray:
+    grey = np.pad(np.asarray(panel.convert("L"), dtype=np.float64), 1, mode="edge")
+    magnitude: FloatArray = np.hypot(*np.gradient(grey))[1:-1, 1:-1]
+    return magnitude
+
+
+def box_sums(values: FloatArray, tall: int, wide: int) -> FloatArray:
+    """Return the sum over the box of `tall` x `wide` px below and right of every place where it fits."""
+    table = np.pad(np.asarray(values, dtype=np.float64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    sums: FloatArray = table[tall:, wide:] - table[:-tall, wide:] - table[tall:, :-wide] + table[:-tall, :-wide]
+    return sums
+
+
+def brightness(kernels: FloatArray) -> FloatArray:
+    """Return kernels, shape (..., h, w), from 0 to 1, each brightened to its own peak."""
+    peaks = np.maximum(kernels.max(axis=(-2, -1), keepdims=True), 1e-30)
+    # The square root makes faint parts of a trail visible.
+    bright: FloatArray = np.sqrt(np.clip(kernels / peaks, 0.0, 1.0))
+    return bright
+
+
+class Trails(NamedTuple):
+    """Kernels of a bank as drawings show them, with the rows and columns of their places in px.
+
+    `kernels`, shape (B, S, h, w), are brightened to their own peaks and cut to the smallest common size that keeps
+    what is visible. One of `every` rows and columns is left.
+    """
+
+    rows: FloatArray
+    cols: FloatArray
+    kernels: FloatArray
+    every: tuple[int, int] = (1, 1)
+
+    @classmethod
+    def of(cls, bank: PsfBank) -> Trails:
+        """Return all kernels of a bank."""
+        kernels = np.asarray(bank.kernels, dtype=np.float64)
+        # Values below a thousandth of the peak are invisible.
+        seen = (kernels > 1e-3 * kernels.max(axis=(2, 3), keepdims=True)).any(axis=(0, 1))
+        middle = np.array(seen.shape) // 2
+        # One pixel of margin lets the glow fade out where it is enlarged.
+        reach = np.abs(np.argwhere(seen) - middle).max(axis=0) + 1
+        padded = np.pad(kernels, ((0, 0), (0, 0), (1, 1), (1, 1)))
+        (top, left), (bottom, right) = middle + 1 - reach, middle + 2 + reach
+        return cls(np.asarray(bank.rows), np.asarray(bank.cols), brightness(padded[:, :, top:bottom, left:right]))
+
+    def thinned(self, most: Iterable[float]) -> Trails:
+        """Return at most so many rows and columns of kernels, evenly spaced."""
+        down, across = map(thinned, self.kernels.shape[:2], most)
+        return Trails(self.rows[down], self.cols[across], self.kernels[down, across], (down.step, across.step))
+
+    def zoom(self, shape: tuple[int, ...]) -> float:
+        """Return the factor by which the kernels fill the room between two places of a picture of this shape."""
+        return fitting(self.rows, self.cols, self.kernels.shape[2:], shape)
+
+
+def thinned(count: int, most: float) -> slice:
+    """Return a slice that takes at most `most` of `count` things, evenly spaced."""
+    every = math.ceil(count / most - 1e-9)
+    return slice((count - 1) % every // 2, None, every)
+
+
+def fitting(rows: FloatArray, cols: FloatArray, size: Sequence[float], shape: tuple[int, ...]) -> float:
+    """Return the factor by which things of `size` fill the room between two places of a picture of this shape."""
+    rooms = (
+        np.diff(places).min() if len(places) > 1 else whole
+        for places, whole in zip((rows, cols), shape[:2], strict=True)
+    )
+    return FILLED * min(float(room) / side for room, side in zip(rooms, size, strict=True))
+
+
+def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: Display | None = None) -> FloatImage:
+    """Draw the kernels of `bank` at their places in the picture.
+
+    All kernels are enlarged (or reduced) by one factor, so that the closest two just fit; each is brightened to its own
+    peak. Crosses mark the places. Where these are too close, only every n-th kernel is drawn, and the caption says so.
+
+    Parameters
+    ----------
+    bank : PsfBank
+        Kernels and their places.
+    shape : tuple
+        Shape of the picture, (H, W, ...).
+    picture : ndarray, optional
+        Display values in [0, 1], grey or RGB, shown dimmed below the kernels.
+
+    Returns
+    -------
+    ndarray, shape (h, w, 3), float32
+        Display values in [0, 1]; the longer side of the picture becomes 1600 px.
+
+    Raises
+    ------
+    InputError
+        If `picture` does not have that height and width, or not the shape of a picture.
+    """
+    if picture is not None and picture.shape[:2] != tuple(shape[:2]):
+        raise InputError(f"picture must have shape {shape[:2]} like the one deblurred, got {picture.shape[:2]}")
+    scale = LONG_SIDE / max(shape[:2])
+    width, height = (max(round(side * scale), 1) for side in (shape[1], shape[0]))
+    drawing = Image.new("RGB", (width, height + FOOTER), GROUND)
+    if picture is not None:
+        grey = rgb8("picture", picture).convert("L").resize((width, height), Image.Resampling.BICUBIC)
+        drawing.paste(grey.point(lambda value: value * DIM).convert("RGB"))
+    trails = Trails.of(bank)
+    down, across, tall, wide = trails.kernels.shape
+    # Kernels get 40 px and twice their size, except where that would leave fewer than 6 rows or columns.
+    rooms = height / max(40.0, 2.0 * scale * tall), width / max(40.0, 2.0 * scale * wide)
+    trails = trails.thinned(max(room, n / max(n // 6, 1)) for room, n in zip(rooms, (down, across), strict=True))
+    zoom = min(trails.zoom(shape) * scale, 12.0)
+    places = [((row + 0.5) * scale, (col + 0.5) * scale) for row in trails.rows for col in trails.cols]
+    for kernel, place in zip(trails.kernels.reshape(-1, *trails.kernels.shape[2:]), places, strict=True):
+        _lay(drawing, kernel, zoom, place)
+    pen = ImageDraw.Draw(drawing)
+    for y, x in places:
+        pen.line((x - 2, y, x + 2, y), fill=MARKS[1])
+        pen.line((x, y - 2, x, y + 2), fill=MARKS[1])
+    pen.rectangle((0, height, width, height + FOOTER), fill=GROUND)
+    # Not bands x strips: with a horizontal readout the bands are columns.
+    grid = f"{down} row{'s' * (down > 1)} x {across} column{'s' * (across > 1)} of kernels"
+    text = f"{grid} of {bank.size[1]} x {bank.size[0]} px, drawn {zoom / scale:.2g} times as large as in the picture"
+    left_out = [f"1 of {n} {lines}" for n, lines in zip(trails.every, ("rows", "columns"), strict=True) if n > 1]
+    _caption(drawing, (12, height + 9), text + (f"; {' and '.join(left_out)} shown" if left_out else ""))
+    return _display(drawing)
+
+
+def _lay(drawing: Image.Image, kernel: FloatArray, zoom: float, place: tuple[float, float]) -> None:
+    """Lay a kernel of peak 1 over `drawing`, centred on `place`, glowing from dark red over orange to white."""
+    size = max(round(kernel.shape[1] * zoom), 1), max(round(kernel.shape[0] * zoom), 1)
+    enlarged = np.asarray(Image.fromarray(kernel.astype(np.float32)).resize(size, Image.Resampling.BICUBIC))
+    glow = np.clip(enlarged / max(float(enlarged.max()), 1e-30), 0.0, 1.0)
+    colours = rgb8("kernel", np.stack([1.6 * glow, glow**1.8, glow**4.4], axis=2))
+    mask = rgb8("kernel", 2.0 * glow).convert("L")
+    drawing.paste(colours, (round(place[1] - size[0] / 2), round(place[0] - size[1] / 2)), mask)
+
+
+def picture_uris(pictures: Mapping[str, Display], icc_profile: bytes | None) -> tuple[list[str], float]:
+    """Encode pictures of one size as JPEG, all reduced by one factor until they fit the budget.
+
+    Returns
+    -------
+    uris : list of str
+        Data URIs.
+    scale : float
+        Width and height of the encoded pictures as a share of the original; at most 1.
+    """
+    images = [rgb8(label, picture) for label, picture in pictures.items()]
+    # A browser, also a phone's, needs four bytes of memory for each of at most 8 million pixels of a picture.
+    scale = min(1.0, math.sqrt(8e6 / (images[0].width * images[0].height)))
+    while True:
+        size = max(round(images[0].width * scale), 1), max(round(images[0].height * scale), 1)
+        reduced = (image if size == image.size else image.resize(size, Image.Resampling.LANCZOS) for image in images)
+        uris = [_uri(image, quality=QUALITY, subsampling=0, icc_profile=icc_profile or b"") for image in reduced]
+        total = 3 / 4 * sum(map(len, uris))
+        if total <= BUDGET or max(size) == 1:
+            return uris, scale
+        # Smaller pictures need somewhat more bytes per pixel.
+        scale *= 0.95 * math.sqrt(BUDGET / total)
+
+
+def thumbnail_uri(image: Image.Image, side: int) -> str:
+    """Encode a picture at most `side` px long or wide; 200 photos of 280 px and their results take about 6 MB."""
+    image.thumbnail((side, side))
+    return _uri(image, quality=80)
+
+
+def weight_map_uri(picture: Display, weights: Display) -> str:
+    """Encode a grey thumbnail of a picture, tinted where a frame of a burst does not count; weights are 0 to 1."""
+    grey = rgb8("the picture", picture).convert("L").convert("RGB")
+    shares = rgb8("the weights", 0.7 * (1.0 - np.asarray(weights))).convert("L")
+    grey.paste(MARKS[0], None, shares.resize(grey.size, Image.Resampling.BILINEAR))
+    return thumbnail_uri(grey, 400)
+
+
+def bank_data(bank: PsfBank) -> dict[str, Any]:
+    """Return an evenly spaced selection of the kernels as one grey picture, with their places, for a page."""
+    # More would have no room on the picture.
+    rows, cols, kernels, _ = Trails.of(bank).thinned((17, 11))
+    down, across, tall, wide = kernels.shape
+    atlas = rgb8("kernels", kernels.transpose(0, 2, 1, 3).reshape(down * tall, across * wide)).convert("L")
+    return {
+        "rows": np.round(rows, 2).tolist(),
+        "cols": np.round(cols, 2).tolist(),
+        "kernel": [wide, tall],
+        "of": list(bank.kernels.shape[:2]),
+        "atlas": _uri(atlas, kind="png", optimize=True),
+    }
+
+
+def _uri(image: Image.Image, *, kind: str = "jpeg", **options: Any) -> str:
+    buffer = BytesIO()
+    image.save(buffer, kind, **options)
+    return f"data:image/{kind};base64,{base64.b64encode(buffer.getvalue()).decode()}"

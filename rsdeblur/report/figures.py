@@ -1,0 +1,278 @@
+"""Figures of a report: sharpness and ringing by bands, the motion, and findings about a capture and its results."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur.choices import DROP
+from rsdeblur.estimate.motion_evidence import MOST_TILES
+from rsdeblur.estimate.noise import halved
+from rsdeblur.image.highlights import at_full_scale
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.report.drawings import box_sums
+from rsdeblur.types import FloatArray, FloatImage
+
+Level = Literal["warning", "note", "good"]
+LEVELS: tuple[Level, ...] = ("warning", "note", "good")
+# How much verdicts limit a result; others are warnings.
+VERDICT_LEVELS: dict[str, Level] = {"good": "good", "cannot tell": "note", "not checked": "note"}
+
+
+def band_figures(
+    pictures: Mapping[str, NDArray[np.floating]], ringings: Mapping[str, Sequence[float]], *, across: bool = False
+) -> dict[str, Any]:
+    """Measure the sharpness of each picture in six equal bands along the readout, and list the ringing beside it.
+
+    Sharpness is measured at half the size, where most of the noise of single pixels is averaged out: the steepness of
+    edges is the gradient that one pixel in a hundred exceeds. Ringing beside edges makes them steeper; so read both
+    figures together.
+
+    Parameters
+    ----------
+    pictures : mapping of str to ndarray
+        Display values in [0, 1], (H, W) or (H, W, C), all of one size; the first picture is the blurred one.
+    ringings : mapping of str to sequence of float
+        For each checked picture, :attr:`rsdeblur.estimate.QualityCheck.ringings`.
+    across : bool, default False
+        Whether bands are columns instead of rows, as for a horizontal readout.
+
+    Returns
+    -------
+    dict
+        ``edges``, the start of each band and the end of the last one, px; ``sharpness``, for each picture the steepness
+        of its edges in each band as a multiple of the first picture's, None where that has no edges; ``ringing``, in
+        percent of the picture's contrast, None without a check.
+    """
+    greys = {label: _grey(np.asarray(picture, dtype=np.float32)) for label, picture in pictures.items()}
+    if across:
+        greys = {label: np.ascontiguousarray(grey.T) for label, grey in greys.items()}
+    edges = np.linspace(0, len(next(iter(greys.values()))), MOST_TILES + 1).round().astype(int).tolist()
+    bands = [slice(first // 2, max(last // 2, 1)) for first, last in pairwise(edges)]
+    steep: dict[str, list[tuple[float, float]]] = {}
+    for label, grey in greys.items():
+        half = halved(grey[..., None])[..., 0]
+        steep[label] = [_steepness(half[band]) for band in bands]
+    blurred = next(iter(steep.values()))
+    # In pure noise the steepness is 2.6 times the median gradient (Rayleigh's distribution); a band of the input in
+    # which it is less than about twice that has no edges.
+    sharpness = {
+        label: [
+            mine / first if first > 5.0 * common else None
+            for (mine, _), (first, common) in zip(each, blurred, strict=True)
+        ]
+        for label, each in steep.items()
+    }
+    ringing: dict[str, list[float | None]] = {label: [None] * MOST_TILES for label in pictures}
+    ringing |= {label: [100.0 * part for part in parts] for label, parts in ringings.items()}
+    return {"edges": edges, "sharpness": sharpness, "ringing": ringing}
+
+
+def _grey(picture: FloatImage) -> FloatImage:
+    if picture.ndim == 2:
+        return picture
+    # Rec. 709.
+    weights = np.array([0.2126, 0.7152, 0.0722] if picture.shape[2] >= 3 else [1.0], dtype=np.float32)
+    grey: FloatImage = picture[..., : len(weights)] @ weights
+    return grey
+
+
+def _steepness(half: FloatImage) -> tuple[float, float]:
+    """Return the gradient's magnitude at the edges, and its median."""
+    if min(half.shape) < 2:
+        return 0.0, 0.0
+    steep, common = np.percentile(np.hypot(*np.gradient(half)), [99.0, 50.0])
+    return float(steep), float(common)
+
+
+def readout_data(camera: Camera, exposure: Exposure) -> dict[str, Any]:
+    """Return the axis of the readout, its number of lines, and when they are exposed, in ms after the first one opens.
+
+    ``opens`` contains the times of the first and the last line along that axis, ``duration`` is that of every line.
+    """
+    opens, _ = exposure.window(np.array([0.0, camera.lines - 1.0]), camera)
+    return {
+        "axis": "x" if camera.horizontal_readout else "y",
+        "opens": np.round(1e3 * (opens - exposure.span(camera)[0]), 4).tolist(),
+        "lines": camera.lines,
+        "duration": round(1e3 * exposure.duration, 4),
+    }
+
+
+def rates_in_camera(log: GyroLog, camera: Camera, epoch_ns: int) -> tuple[FloatArray, FloatArray]:
+    """Return the times of a log's samples in camera time, s after the epoch, and its rates about the camera's axes."""
+    # Timestamps are subtracted as integers; only the difference becomes a float.
+    return log.t + (log.epoch_ns - epoch_ns) * 1e-9 + camera.time_offset, log.omega @ camera.imu_to_camera.T
+
+
+def around(first: float, last: float) -> tuple[float, float]:
+    """Return the span that a plot of an exposure from `first` to `last` shows, s."""
+    margin = max(0.5 * (last - first), 0.02)
+    return first - margin, last + margin
+
+
+def motion_data(log: GyroLog, camera: Camera, exposure: Exposure) -> dict[str, Any]:
+    """Return `readout_data`, and of the log around the exposure at most 4000 sample times in ms and rates in rad/s."""
+    start, end = exposure.span(camera)
+    t, rates = rates_in_camera(log, camera, exposure.epoch_ns)
+    first, last = around(start, end)
+    near = np.flatnonzero((t >= first) & (t <= last))
+    near = near[:: math.ceil(max(len(near), 1) / 4000)]
+    return readout_data(camera, exposure) | {
+        "t": np.round(1e3 * (t[near] - start), 4).tolist(),
+        "rates": np.round(rates[near].T, 6).tolist(),
+    }
+
+
+def telling_place(first: NDArray[np.floating], other: NDArray[np.floating]) -> tuple[float, float]:
+    """Return (x, y) of the middle of the part in which two pictures differ most, px.
+
+    The part is half as wide and as high as the picture. Flat differences, as of brightness, do not count.
+    """
+    height, width = first.shape[:2]
+    grey = np.subtract(other, first, dtype=np.float32).reshape(height, width, -1).mean(axis=2)
+    tall, wide = max(height // 2, 1), max(width // 2, 1)
+    sums = box_sums(np.pad(np.abs(np.diff(grey, axis=1)), ((0, 0), (0, 1))), tall, wide)
+    y, x = np.unravel_index(int(sums.argmax()), sums.shape)
+    return float(x) + wide / 2, float(y) + tall / 2
+
+
+class Finding(NamedTuple):
+    """Outcome of one check: how much it limits the result, its subject in a word or two, and sentences."""
+
+    level: Level
+    subject: str
+    text: str
+
+
+def findings(
+    pixels: NDArray[Any],
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    *,
+    psf: tuple[int, int],
+    checks: Mapping[str, Mapping[str, Any]] | None = None,
+    unseen: float = 0.0,
+    can_split: bool = False,
+) -> list[Finding]:
+    """Check a capture that was deblurred.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (H, W) or (H, W, C)
+        The blurred picture as stored.
+    log, camera, exposure
+        The gyro log, the camera and the time of the exposure.
+    psf : (int, int)
+        Height and width of the largest PSF, px.
+    checks : mapping of str to mapping, optional
+        For each mode, the fields of its :class:`rsdeblur.estimate.QualityCheck`.
+    unseen : float, default 0.0
+        Share of the result that was never exposed.
+    can_split : bool, default False
+        Whether ``--saturation always`` would solve the capture in another way.
+
+    Returns
+    -------
+    list of Finding
+        Coverage and gaps of the log, sampling, saturation, size of the blur, and the verdicts.
+    """
+    opens, closes = (time - camera.time_offset for time in exposure.span(camera))
+    # In s relative to the exposure's origin; timestamps are subtracted as integers, where they are exact.
+    t = log.t + (log.epoch_ns - exposure.epoch_ns) * 1e-9
+    outcomes = [_coverage(t, opens, closes), _gaps(log, t, opens, closes), _sampling(log, exposure)]
+    outcomes += [_gyro_range(log, t, opens, closes), _saturation(pixels, can_split), _size(psf, pixels.shape)]
+    for mode, check in (checks or {}).items():
+        verdict = check["verdict"]
+        text = f"The check finds it {verdict}."
+        if verdict == "cannot tell":
+            text = "The check cannot tell whether it is right."
+        level = VERDICT_LEVELS.get(verdict, "warning")
+        outcomes.append(Finding(level, f"Result, {mode}", " ".join((text, *check["reasons"]))))
+    if unseen > 0:
+        text = f"{unseen:.1%} of the straightened picture was never exposed and is filled in from its neighbours."
+        outcomes.append(Finding("note", "Unexposed parts", text))
+    return outcomes
+
+
+def _coverage(t: FloatArray, opens: float, closes: float) -> Finding:
+    before, after = opens - t[0], t[-1] - closes
+    text = f"The log starts {_time(before)} before the first row opens and ends {_time(after)} after the last closes."
+    # s
+    if min(before, after) < 0.02:
+        return Finding("note", "Coverage", text + " That leaves little room for a different time offset.")
+    return Finding("good", "Coverage", text)
+
+
+def _gaps(log: GyroLog, t: FloatArray, opens: float, closes: float) -> Finding:
+    holes = log.gaps()
+    if not len(holes):
+        return Finding("good", "Gaps", "The log has no gaps.")
+    # A gap inside the exposure is refused, so all are outside.
+    away = holes + (t[0] - log.t[0])
+    nearest = float(np.maximum(away[:, 0] - closes, opens - away[:, 1]).min())
+    longest = float(np.diff(holes, axis=1).max())
+    gaps = "1 gap" if len(holes) == 1 else f"{len(holes)} gaps"
+    text = f"The log has {gaps}, none during the exposure; the nearest is {_time(nearest)} away."
+    return Finding("note", "Gaps", f"{text} The longest lasts {_time(longest)}.")
+
+
+def _sampling(log: GyroLog, exposure: Exposure) -> Finding:
+    per_row = exposure.duration * log.rate
+    text = f"{log.rate:.4g} samples per second, {per_row:.3g} per row's exposure of {_time(exposure.duration)}."
+    # A hand's tremor reaches 12 Hz; with fewer samples, the motion between them is guesswork.
+    if per_row < 4 and log.rate < 50.0:
+        return Finding("warning", "Sampling", text + " The motion between samples is interpolated, and may be wrong.")
+    return Finding("good", "Sampling", text)
+
+
+def _gyro_range(log: GyroLog, t: FloatArray, opens: float, closes: float) -> Finding:
+    inside = np.abs(log.omega[(t >= opens) & (t <= closes)])
+    # The largest magnitude in the whole log: a sensor at its limit repeats it. One of coarse resolution repeats small
+    # rates, so the limit must exceed 4 rad/s.
+    limit = np.abs(log.omega).max(axis=0)
+    for axis in range(3):
+        at = np.concatenate([[0], inside[:, axis] == limit[axis], [0]]).astype(int)
+        runs = np.flatnonzero(np.diff(at) < 0) - np.flatnonzero(np.diff(at) > 0)
+        if limit[axis] > 4.0 and runs.max(initial=0) >= 3:
+            text = f"The rate about {'xyz'[axis]} stays at {limit[axis]:.3g} rad/s, probably the gyroscope's limit."
+            return Finding("warning", "Gyro saturation", text)
+    peak = float(np.linalg.norm(inside, axis=1).max(initial=0.0))
+    return Finding("good", "Gyro saturation", f"The fastest rate during the exposure is {peak:.3g} rad/s.")
+
+
+def _saturation(pixels: NDArray[Any], can_split: bool) -> Finding:
+    colours = pixels if pixels.ndim == 2 else pixels[..., : 3 if pixels.shape[2] >= 3 else 1]
+    clipped = at_full_scale(colours)
+    share = float(np.mean(clipped if clipped.ndim == 2 else clipped.any(axis=2)))
+    text = f"{share:.2%} of the pixels are clipped at white."
+    # Below a thousandth, the result does not visibly suffer.
+    if share > 1e-3:
+        remedy = ", fewer with --saturation always" if can_split else ""
+        text += f" Their brightness is unknown: expect waves around highlights{remedy}."
+        return Finding("warning", "Saturation", text)
+    return Finding("good", "Saturation", text)
+
+
+def _size(psf: tuple[int, int], shape: tuple[int, ...]) -> Finding:
+    tall, wide = psf
+    text = f"The largest PSF is {wide} x {tall} px in a picture of {shape[1]} x {shape[0]} px."
+    if max(psf) > DROP:
+        more = " The blur is too large for a faithful result: many frequencies are lost, and borders affect much of it."
+        return Finding("warning", "Motion", text + more)
+    # A kernel of 3 px is one pixel and its margin.
+    if max(psf) <= 3:
+        return Finding("note", "Motion", text + " There is hardly any blur to remove.")
+    return Finding("good", "Motion", text)
+
+
+def _time(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms" if abs(seconds) < 1 else f"{seconds:.3g} s"
