@@ -4,7 +4,6 @@ const CROP = [512, 384]; // px; solved again in a fraction of a second
 const REST = 350; // ms without a change before the crop is solved at full size and checked
 const QUICK = 0.2; // s for a draft; while a slider moves, slower crops are solved at a smaller size
 const SCALES = [1, 0.5, 0.35, 0.25];
-const FILES = ["photo", "gyro", "camera", "capture"];
 const SLIDERS = ["power", "time_offset", "readout_time", "focal_length", "softness"];
 let opened = null; // the answer to "open"
 let box = null; // left, top, width, height of the crop

@@ -95,28 +95,11 @@ def solve_crop(
     *,
     scale: float = 1.0,
 ) -> DeblurResult:
-    """Deblur a crop with its surroundings, and return its part of the result.
+    """Deblur a crop of a whole picture with its surroundings, and return its part of the result.
 
-    Parameters
-    ----------
-    pixels : ndarray, shape (H, W) or (H, W, C)
-        The whole blurred picture.
-    log, camera, exposure
-        The motion, the camera of the whole picture and the time of the exposure.
-    options : Options
-        See :func:`rsdeblur.deblur`; strengths come from `basis`.
-    basis : Basis
-        Strengths and tiles.
-    crop : Crop
-        The part, within the picture.
-    scale : float, default 1.0
-        Size at which the crop is solved, at most 1: a half takes a quarter of the time or less.
-
-    Returns
-    -------
-    DeblurResult
-        Image and coverage of the crop. The places of its PSFs count from the crop's corner in px of the whole picture;
-        the check covers the surroundings too.
+    `pixels`, shape (H, W) or (H, W, C), and `camera` are those of the whole picture; strengths come from `basis`. At a
+    `scale` below 1 the crop is solved at a smaller size: a half takes a quarter of the time or less. The places of the
+    PSFs count from the crop's corner in px of the whole picture; the check covers the surroundings too.
     """
     # As far as the blur reaches, within bounds.
     outer = crop.padded(int(np.clip(max(basis.psf) // 2, 16, 64)), camera)

@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
 from string import Template
 from typing import Any
 from urllib.parse import parse_qs
@@ -41,37 +42,25 @@ Upload = Callable[[str, bytes], Mapping[str, Any]]
 
 def app_page() -> str:
     """Return the page, which shares its style and its viewer with the report."""
+    own = files("rsdeblur.app")
+    html, css, script = (own.joinpath(f"app.{kind}").read_text("utf-8") for kind in ("html", "css", "js"))
     return document(
         kind="rsdeblur app",
         title="Open a photo",
         facts='<span id="size">Photo, gyro log and camera file stay on this machine.</span> '
         '<span id="verdict" role="status"></span>',
-        main=Template(part("app.html")).substitute(viewer=part("page_viewer.html")),
-        style=part("app.css"),
-        scripts=("page_viewer.js", "app.js"),
+        main=Template(html).substitute(viewer=part("page_viewer.html")),
+        style=css,
+        script=part("page_viewer.js") + script,
         allowed="; connect-src 'self'",
     )
 
 
 class LocalServer(ThreadingHTTPServer):
-    """Server of a page and its actions for the browser on this machine.
+    """Server of a page of HTML and its actions for the browser on this machine; port 0 is a free one.
 
-    Parameters
-    ----------
-    page : str
-        The page, as HTML.
-    actions : mapping of str to callable
-        Functions that POST calls with the form in its JSON body; each returns the answer, which is sent as JSON. An
-        error of rsdeblur is sent as its text.
-    upload : callable
-        Receives the name and the content of a file that the browser sends.
-    port : int, default 0
-        The port; 0 takes a free one.
-
-    Raises
-    ------
-    OSError
-        If the port is in use.
+    POST calls the action of its name with the form in its JSON body, and sends the answer as JSON, or the text of an
+    error of rsdeblur. `upload` receives the name and the content of a file that the browser sends.
     """
 
     daemon_threads = True

@@ -306,15 +306,7 @@ def _lay(drawing: Image.Image, kernel: FloatArray, zoom: float, place: tuple[flo
 
 
 def picture_uris(pictures: Mapping[str, Display], icc_profile: bytes | None) -> tuple[list[str], float]:
-    """Encode pictures of one size as JPEG, all reduced by one factor until they fit the budget.
-
-    Returns
-    -------
-    uris : list of str
-        Data URIs.
-    scale : float
-        Width and height of the encoded pictures as a share of the original; at most 1.
-    """
+    """Return pictures of one size as data URIs of JPEG, all reduced until they fit the budget, and the factor, <= 1."""
     images = [rgb8(label, picture) for label, picture in pictures.items()]
     # A browser, also a phone's, needs four bytes of memory for each of at most 8 million pixels of a picture.
     scale = min(1.0, math.sqrt(8e6 / (images[0].width * images[0].height)))

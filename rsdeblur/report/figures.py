@@ -35,21 +35,11 @@ def band_figures(
     edges is the gradient that one pixel in a hundred exceeds. Ringing beside edges makes them steeper; so read both
     figures together.
 
-    Parameters
-    ----------
-    pictures : mapping of str to ndarray
-        Display values in [0, 1], (H, W) or (H, W, C), all of one size; the first picture is the blurred one.
-    ringings : mapping of str to sequence of float
-        For each checked picture, :attr:`rsdeblur.estimate.QualityCheck.ringings`.
-    across : bool, default False
-        Whether bands are columns instead of rows, as for a horizontal readout.
-
-    Returns
-    -------
-    dict
-        ``edges``, the start of each band and the end of the last one, px; ``sharpness``, for each picture the steepness
-        of its edges in each band as a multiple of the first picture's, None where that has no edges; ``ringing``, in
-        percent of the picture's contrast, None without a check.
+    `pictures` contains display values in [0, 1], (H, W) or (H, W, C), all of one size, the blurred one first, and
+    `ringings` the ringings of those that were checked; `across` makes bands of columns. The result has ``edges``, the
+    start of each band and the end of the last one in px; ``sharpness``, for each picture the steepness of its edges as
+    a multiple of the first picture's, None where that has no edges; and ``ringing``, in percent of the picture's
+    contrast, None without a check.
     """
     greys = {label: _grey(np.asarray(picture, dtype=np.float32)) for label, picture in pictures.items()}
     if across:
@@ -163,27 +153,11 @@ def findings(
     unseen: float = 0.0,
     can_split: bool = False,
 ) -> list[Finding]:
-    """Check a capture that was deblurred.
+    """Check coverage, gaps and sampling of the log, saturation and size of the blur, and add the verdicts of the check.
 
-    Parameters
-    ----------
-    pixels : ndarray, shape (H, W) or (H, W, C)
-        The blurred picture as stored.
-    log, camera, exposure
-        The gyro log, the camera and the time of the exposure.
-    psf : (int, int)
-        Height and width of the largest PSF, px.
-    checks : mapping of str to mapping, optional
-        For each mode, the fields of its :class:`rsdeblur.estimate.QualityCheck`.
-    unseen : float, default 0.0
-        Share of the result that was never exposed.
-    can_split : bool, default False
-        Whether ``--saturation always`` would solve the capture in another way.
-
-    Returns
-    -------
-    list of Finding
-        Coverage and gaps of the log, sampling, saturation, size of the blur, and the verdicts.
+    `pixels` are those of the blurred picture as stored, `psf` is the height and width of the largest PSF in px,
+    `checks` contains the fields of the :class:`rsdeblur.estimate.QualityCheck` of each mode, `unseen` is the share of
+    the result that was never exposed, and `can_split` says that ``--saturation always`` would change the result.
     """
     opens, closes = (time - camera.time_offset for time in exposure.span(camera))
     # In s relative to the exposure's origin; timestamps are subtracted as integers, where they are exact.

@@ -106,18 +106,17 @@ def _write(path: str | os.PathLike[str], text: str) -> None:
 
 
 def document(
-    *, kind: str, title: str, facts: str, main: str, style: str = "", scripts: Sequence[str] = (), allowed: str = ""
+    *, kind: str, title: str, facts: str, main: str, style: str = "", script: str = "", allowed: str = ""
 ) -> str:
     """Return a page as HTML, whose policy forbids every script and style but its own.
 
-    `facts` and `main` are HTML, in which text from files must be escaped; `title` is text. `scripts` are names of
-    files that are joined into one module behind `main`, `style` follows that of all pages, and `allowed` is added to
-    the policy.
+    `facts` and `main` are HTML, in which text from files must be escaped; `title` is text. `script` is a module that
+    follows `main`, `style` follows that of all pages, and `allowed` is added to the policy.
     """
-    styles, script = part("page.css") + style, "\n".join(map(part, scripts))
+    styles = part("page.css") + style
     hashes = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in (styles, script))
     policy = "default-src 'none'; img-src data:; style-src 'sha256-{}'; script-src 'sha256-{}'".format(*hashes)
-    module = f'<script type="module">{script}</script>' if scripts else ""
+    module = f'<script type="module">{script}</script>' if script else ""
     return Template(part("page_shell.html")).substitute(
         kind=kind, title=escape(title), facts=facts, main=main, style=styles, policy=policy + allowed, scripts=module
     )
@@ -125,7 +124,7 @@ def document(
 
 def part(name: str) -> str:
     """Return the text of a file that pages are made of."""
-    return files("rsdeblur").joinpath("app" if name.startswith("app.") else "report", name).read_text("utf-8")
+    return files("rsdeblur.report").joinpath(name).read_text("utf-8")
 
 
 def render(page: Page) -> str:
@@ -167,7 +166,7 @@ def render(page: Page) -> str:
         title=Path(page.report["photo"]).name,
         facts=f'{badge}{width} {TIMES} {height} px · <a href="#findings">{summary}</a>',
         main=main,
-        scripts=("page_viewer.js", "page_plots.js"),
+        script=part("page_viewer.js") + part("page_plots.js"),
     )
 
 
