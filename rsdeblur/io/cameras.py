@@ -101,6 +101,11 @@ def open_camera(path: str | os.PathLike[str], format: str | None = None, **reque
     """Read a camera, as :func:`read_camera` does, with the other content of its file.
 
     Assumptions are returned instead of warned about.
+
+    Parameters
+    ----------
+    path, format, **request
+        See :func:`read_camera`.
     """
     wanted = Request(**request)
     source = Source(path, WHAT)

@@ -14,12 +14,18 @@ SOURCE = re.compile(r"SENSOR_INFO_TIMESTAMP_SOURCE is (?:SENSOR_INFO_TIMESTAMP_S
 
 @dataclass(frozen=True, slots=True)
 class Clocks:
-    """Clocks of a session, from its `edge_epochs.txt`."""
+    """Clocks of a session, from its `edge_epochs.txt`.
+
+    Parameters
+    ----------
+    source : str
+        Android's name for the clock of the camera's timestamps: REALTIME is the gyro's clock, or UNKNOWN.
+    differences : tuple of int
+        The gyro's clock minus `nanoTime()`, in ns, at the session's start and end.
+    """
 
     source: str
-    """Android's name for the clock of the camera's timestamps: REALTIME is the gyro's clock, or UNKNOWN."""
     differences: tuple[int, ...]
-    """The gyro's clock minus `nanoTime()`, in ns, at the session's start and end."""
 
     @property
     def time_offset(self) -> float:
@@ -36,6 +42,11 @@ def is_clocks(source: Source) -> bool:
 
 def read_clocks(path: str | os.PathLike[str]) -> Clocks:
     """Read the `edge_epochs.txt` of a MARS logger session.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
 
     Raises
     ------

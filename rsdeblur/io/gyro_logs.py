@@ -103,7 +103,13 @@ def open_gyro(
     orientation: str | None = None,
     rate: float | None = None,
 ) -> GyroFile:
-    """Read a gyro log, as :func:`read_gyro` does, with the other content of its file."""
+    """Read a gyro log, as :func:`read_gyro` does, with the other content of its file.
+
+    Parameters
+    ----------
+    path, format, unit, orientation, rate
+        See :func:`read_gyro`.
+    """
     overrides: dict[str, Any] = {}
     if orientation is not None:
         validate.instance("orientation", orientation, str)
@@ -155,6 +161,11 @@ def read_acceleration(path: str | os.PathLike[str], *, unit: str | None = None) 
 
 def detect_gyro_format(path: str | os.PathLike[str]) -> str:
     """Return the name of the format as which `read_gyro` would read the file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
 
     Raises
     ------

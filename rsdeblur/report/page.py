@@ -39,11 +39,28 @@ ORDER = ("failed", *reversed(VERDICTS), "not checked")
 class Page(NamedTuple):
     """Content of a report: a photo and its results.
 
-    `report` contains the facts as `rsdeblur compare` writes them. `shown` contains display values in [0, 1] by label,
-    the blurred input first, `banks` the PSFs by mode; `unseen` is the fraction of the pixels that were never exposed.
-    `recorded` contains the PSFs before a correction, `frames` the facts of the frames of a burst, each with its
-    `weights` at the places of the input, and `settings` tables of names and values by title. `remarks` are findings
-    beside those that the content gives.
+    Parameters
+    ----------
+    report : dict
+        Facts as `rsdeblur compare` writes them.
+    picture, log, camera, exposure
+        The photo and its recording.
+    shown : dict of str to ndarray
+        Display values in [0, 1] by label, the blurred input first.
+    banks : mapping of str to PsfBank
+        PSFs by mode.
+    transfer : {"linear", "srgb"} or float
+        How the values of the photo encode light.
+    unseen : float
+        Fraction of the pixels that were never exposed.
+    recorded : PsfBank, optional
+        PSFs before a correction.
+    frames : sequence of mapping
+        Facts of the frames of a burst, each with its `weights` at the places of the input.
+    settings : mapping
+        Tables of names and values by title.
+    remarks : sequence of Finding
+        Findings beside those that the content gives.
     """
 
     report: dict[str, Any]
@@ -90,6 +107,13 @@ class Page(NamedTuple):
 
 def write_page(path: str | os.PathLike[str], page: Page) -> None:
     """Write a report as one file of HTML, which appears whole or not at all; an existing one is replaced.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    page : Page
+        Content of the report.
 
     Raises
     ------
