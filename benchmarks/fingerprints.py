@@ -378,7 +378,6 @@ def commands() -> dict[str, list[str]]:
     turned = ["--gyro", "gyro.csv", "--camera", "turned.toml", *upright[4:]]
     rowwise = ["--prior", "wiener", "--mode", "rowwise"]
     film = ["--segment", "2", "--jobs", "1", *threads]
-    shifts = ["--from", "-8ms", "--to", "8ms", "--steps", "3"]
     return {
         "deblur": ["deblur", "clip.png", *upright, *threads, "-o", "out.png"],
         "deblur rowwise": ["deblur", "clip.png", *upright, *rowwise, *threads, "-o", "out.png"],
@@ -389,7 +388,6 @@ def commands() -> dict[str, list[str]]:
         "psf": ["psf", *upright, "--bank", "out.npz"],
         "psf turned": ["psf", *turned, "--mode", "rowwise", "--bank", "out.npz"],
         "psf drawn": ["psf", *upright, "--picture", "clip.png", "-o", "out.png"],
-        "preview": ["preview", "clip.png", *upright, *shifts, "--prior", "wiener", *threads, "-o", "out.png"],
         "video": ["video", "clip.mkv", *upright, *film, "-o", "out.mkv"],
         "video tv": ["video", "clip.mkv", *upright, "--prior", "tv", "--codec", "libx264", *film, "-o", "out.mkv"],
         "video rowwise": ["video", "clip.mkv", *upright, *rowwise, *film, "-o", "out.mkv"],

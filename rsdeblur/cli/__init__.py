@@ -1,6 +1,7 @@
 """The command line: one module per command, imported when the command is used.
 
-Command modules import nothing heavier than click when they are loaded, so that ``rsdeblur --help`` answers at once.
+Command modules take the rest of the package from `_engine`, which imports a part at its first use, so that
+``rsdeblur --help`` answers at once.
 """
 
 from __future__ import annotations
@@ -33,7 +34,6 @@ COMMANDS = (
     "batch",
     "video",
     "triage",
-    "preview",
     "app",
     "sync",
     "calibrate",

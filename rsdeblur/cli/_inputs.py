@@ -6,10 +6,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import click
 
+from rsdeblur.choices import Auto, Transfer
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._log import (
     Gravity,
     bottom_of_clip,
@@ -20,23 +22,9 @@ from rsdeblur.cli._log import (
     some_frames,
     warn_of_axes,
 )
-from rsdeblur.cli._options import flag
+from rsdeblur.cli._options import Recording, flag
 from rsdeblur.cli._output import printable, progress, say_detail
 from rsdeblur.errors import CoverageError, FileFormatError, InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rsdeblur.choices import Auto, Transfer
-    from rsdeblur.cli._options import Recording
-    from rsdeblur.estimate.time_offset import OffsetSearch
-    from rsdeblur.io.exif import Exif
-    from rsdeblur.io.pictures import Picture
-    from rsdeblur.motion.camera import Camera
-    from rsdeblur.motion.exposure import Exposure
-    from rsdeblur.motion.gyro import GyroLog
-    from rsdeblur.motion.translation import Translation
-    from rsdeblur.video.clip import Clip
 
 # Options that mean one moment, so that several photos cannot share them.
 ONE_MOMENT = ("index", "start", "start_ns")
@@ -51,10 +39,10 @@ LEAST_DURATION = 1e-4
 class Inputs(NamedTuple):
     """Inputs of a computation."""
 
-    picture: Picture
-    log: GyroLog
-    camera: Camera
-    exposure: Exposure
+    picture: rs.Picture
+    log: rs.GyroLog
+    camera: rs.Camera
+    exposure: rs.Exposure
 
 
 def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False, is_scene: bool = False) -> Inputs:
@@ -62,11 +50,9 @@ def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False, is
 
     Warn where gravity contradicts the camera's axes, unless the picture is a scene, which the camera did not take.
     """
-    from rsdeblur.io.pictures import read_picture
-
     # The small files come first, so that a wrong option shows before a large picture is read.
     log, camera, exposure = read_recording(recording, photo)
-    inputs = Inputs(read_picture(photo, in_place=in_place), log, camera, exposure)
+    inputs = Inputs(rs.read_picture(photo, in_place=in_place), log, camera, exposure)
     if not is_scene:
         photo_gravity(photo, inputs, recording).warn()
     return inputs
@@ -80,20 +66,17 @@ def photo_gravity(photo: Path, inputs: Inputs, recording: Recording) -> Gravity:
 
 def with_offset(inputs: Inputs, photo: Path) -> Inputs:
     """Return the inputs with the time offset that the picture determines, as a time from EXIF is a second off."""
-    from rsdeblur.estimate.time_offset import find_time_offset
-    from rsdeblur.io.exif import EXIF_ERROR
-
     picture, log, camera, exposure = inputs
     with progress("time") as move, naming(photo):
-        found = find_time_offset(
-            picture.pixels, log, camera, exposure, search=EXIF_ERROR, transfer=picture.transfer, progress=move
+        found = rs.find_time_offset(
+            picture.pixels, log, camera, exposure, search=rs.EXIF_ERROR, transfer=picture.transfer, progress=move
         )
     offset = checked_offset(found, [photo])
     say_detail(f"{photo}: time offset {1e3 * offset:.1f} ms (+- {1e3 * found.sd:.1f})")
     return inputs._replace(camera=replace(camera, time_offset=offset))
 
 
-def checked_offset(found: OffsetSearch, photos: Sequence[Path]) -> float:
+def checked_offset(found: rs.OffsetSearch, photos: Sequence[Path]) -> float:
     """Return the time offset; raise `InputError` if the pictures do not determine it."""
     if found.time_offset is None:
         what = f"{photos[0]}: the picture does" if len(photos) == 1 else f"the {len(photos)} pictures do"
@@ -121,10 +104,8 @@ def recordings_of(photos: Sequence[Path], recording: Recording, numbered_from: i
 
 def indices_of(photos: Sequence[Path], capture: Path, numbered_from: int | None) -> list[int]:
     """Return the number of each photo's exposure in a capture file; raise `FileFormatError` if its name has none."""
-    from rsdeblur.io import sessions
-
     indices = []
-    for match in sessions.indices_of(list(photos), capture, numbered_from=numbered_from):
+    for match in rs.indices_of(list(photos), capture, numbered_from=numbered_from):
         if match.index is None:
             raise FileFormatError(f"{match.path}: {match.error}")
         indices.append(match.index)
@@ -133,7 +114,7 @@ def indices_of(photos: Sequence[Path], capture: Path, numbered_from: int | None)
 
 def read_recording(
     recording: Recording, photo: Path | None = None, *, known_axes: bool = True
-) -> tuple[GyroLog, Camera, Exposure]:
+) -> tuple[rs.GyroLog, rs.Camera, rs.Exposure]:
     """Read the log, the camera and the exposure that the options name; see `read_inputs`.
 
     Unless the axes of the camera file should be known, they cause no warning.
@@ -142,13 +123,11 @@ def read_recording(
     log, camera = read_device(recording, known_axes=known_axes)
     _refuse_longer(recording.duration, log.span[1] - log.span[0], recording.gyro)
     if recording.start == "exif":
-        from rsdeblur.io.exif import capture_time, on_clock_of
-
         exif = _exif(photo)
         if exif is None:
             raise _usage("--start exif needs a photo")
         with naming(photo, recording):
-            exposure = replace(exposure, epoch_ns=on_clock_of(capture_time(exif), log))
+            exposure = replace(exposure, epoch_ns=rs.on_clock_of(rs.capture_time(exif), log))
     say_detail(
         f"exposure: {exposure.epoch_ns} ns + {exposure.start:.6f} s, {1e3 * exposure.duration:.3g} ms; camera: "
         f"{camera.width}x{camera.height}, {camera.focal_length[0]:.1f} px, readout {1e3 * camera.readout_time:.3g} ms "
@@ -157,11 +136,9 @@ def read_recording(
     return log, camera, exposure
 
 
-def read_device(recording: Recording, *, known_axes: bool = True) -> tuple[GyroLog, Camera]:
+def read_device(recording: Recording, *, known_axes: bool = True) -> tuple[rs.GyroLog, rs.Camera]:
     """Read the log and the camera that the options name; see `read_recording`."""
-    from rsdeblur.io import open_camera
-
-    camera_file = open_camera(recording.camera)
+    camera_file = rs.open_camera(recording.camera)
     focal_length = None
     if recording.focal_length is not None:
         fx, fy = camera_file.camera.focal_length
@@ -176,7 +153,7 @@ def read_device(recording: Recording, *, known_axes: bool = True) -> tuple[GyroL
     return file.log, camera
 
 
-def translation_of(recording: Recording, camera: Camera, exposure: Exposure) -> Translation | None:
+def translation_of(recording: Recording, camera: rs.Camera, exposure: rs.Exposure) -> rs.Translation | None:
     """Return the translation that the options name, if they name one."""
     translation = None
     if (recording.translation is None) != (recording.depth is None):
@@ -184,25 +161,17 @@ def translation_of(recording: Recording, camera: Camera, exposure: Exposure) -> 
     if recording.translation is None and recording.translation_axes != "camera":
         raise _usage("--translation-axes belongs to --translation")
     if recording.translation is not None and recording.depth is not None:
-        from rsdeblur.io import read_depths, read_trajectory
-
-        trajectory = read_trajectory(recording.translation)
-        depth = read_depths(recording.depth) if isinstance(recording.depth, Path) else recording.depth
+        trajectory = rs.read_trajectory(recording.translation)
+        depth = rs.read_depths(recording.depth) if isinstance(recording.depth, Path) else recording.depth
         with naming(recording.translation):
             translation = trajectory.translation(exposure, camera, depth, axes=recording.translation_axes)
     if recording.drift is not None:
-        from rsdeblur.motion.translation import Translation
-
         with naming("--drift"):
-            translation = Translation.drift(recording.drift, camera, exposure, known=translation)
+            translation = rs.Translation.drift(recording.drift, camera, exposure, known=translation)
     return translation
 
 
-def _exposure(recording: Recording, photo: Path | None) -> Exposure:
-    from rsdeblur.io import read_captures
-    from rsdeblur.io.captures import open_captures
-    from rsdeblur.motion.exposure import Exposure
-
+def _exposure(recording: Recording, photo: Path | None) -> rs.Exposure:
     if recording.start is not None and recording.start_ns is not None:
         raise _usage("--start and --start-ns exclude each other")
     start, duration = None, recording.duration
@@ -212,9 +181,9 @@ def _exposure(recording: Recording, photo: Path | None) -> Exposure:
         # The log decides the time zone of a time from EXIF, later.
         start = (0.0 if recording.start == "exif" else recording.start), 0
     if recording.capture is not None:
-        if duration is None and None in open_captures(recording.capture).durations:
+        if duration is None and None in rs.open_captures(recording.capture).durations:
             duration = _exif_exposure(photo)
-        chosen = _chosen(read_captures(recording.capture, duration=duration), recording)
+        chosen = _chosen(rs.read_captures(recording.capture, duration=duration), recording)
         start = start or (chosen.start, chosen.epoch_ns)
         duration = chosen.duration if duration is None else duration
     elif recording.index is not None:
@@ -228,18 +197,16 @@ def _exposure(recording: Recording, photo: Path | None) -> Exposure:
         ]
         raise _usage(f"the exposure is missing; give {', and '.join(missing)}")
     try:
-        return Exposure(start[0], duration, start[1])
+        return rs.Exposure(start[0], duration, start[1])
     except InputError as error:
         raise _usage(f"the exposure: {error}") from error
 
 
-def _exif(photo: Path | None) -> Exif | None:
+def _exif(photo: Path | None) -> rs.Exif | None:
     if photo is None:
         return None
-    from rsdeblur.io.exif import Exif
-    from rsdeblur.io.pictures import read_header
 
-    return Exif(read_header(photo)[2])
+    return rs.Exif(rs.read_header(photo)[2])
 
 
 def _exif_exposure(photo: Path | None) -> float | None:
@@ -247,7 +214,7 @@ def _exif_exposure(photo: Path | None) -> float | None:
     return None if exif is None else exif.exposure
 
 
-def _chosen(captures: list[Exposure], recording: Recording) -> Exposure:
+def _chosen(captures: list[rs.Exposure], recording: Recording) -> rs.Exposure:
     last = len(captures) - 1
     if recording.index is None and last > 0:
         raise _usage(f"{recording.capture} contains {len(captures)} exposures; choose one with --index 0 to {last}")
@@ -259,40 +226,38 @@ def _chosen(captures: list[Exposure], recording: Recording) -> Exposure:
     return captures[index]
 
 
-def clip_exposures(clip: Clip, recording: Recording) -> list[Exposure]:
+def clip_exposures(clip: rs.Clip, recording: Recording) -> list[rs.Exposure]:
     """Return the exposure of each frame of a video, which the options give."""
-    from rsdeblur.video.times import exposures_from_captures, exposures_from_timestamps
-
     if recording.start == "exif":
         raise _usage("--start exif is for photos; give --capture, or the start of the first frame")
     starts = [name for name in ("capture", "start", "start_ns") if getattr(recording, name) is not None]
     if len(starts) > 1:
         raise _usage(f"{' and '.join(map(flag, starts))} exclude each other")
     if recording.capture is not None:
-        return exposures_from_captures(clip, recording.capture, duration=recording.duration)
+        return rs.exposures_from_captures(clip, recording.capture, duration=recording.duration)
     _refuse_longer(recording.duration, float((clip.end - clip.timestamps[0]) * clip.time_base), clip.path)
     durations = recording.duration or _clip_durations(recording.gyro, clip)
     if durations is None:
         raise _usage("the exposure time is not given; use --duration, or --capture FILE")
-    return exposures_from_timestamps(
+    return rs.exposures_from_timestamps(
         clip, durations, start=float(recording.start or 0.0), epoch_ns=recording.start_ns or 0
     )
 
 
-def _clip_durations(log: Path, clip: Clip) -> list[float] | None:
+def _clip_durations(log: Path, clip: rs.Clip) -> list[float] | None:
     """Return the exposure time of each frame from the telemetry of the log or of the clip; None if it has none."""
-    from rsdeblur.io.gyro_binary import frame_exposures
-
     for path in dict.fromkeys((log, Path(clip.path))):
         with suppress(FileFormatError):
-            durations = frame_exposures(path)
+            durations = rs.frame_exposures(path)
             # Telemetry often contains one value more or less than the video has frames.
             if abs(len(durations) - len(clip)) <= MOST_MISSING:
                 return [*durations, *durations[-1:] * MOST_MISSING][: len(clip)]
     return None
 
 
-def warn_of_clip_gravity(clip: Clip, recording: Recording, camera: Camera, exposures: Sequence[Exposure]) -> None:
+def warn_of_clip_gravity(
+    clip: rs.Clip, recording: Recording, camera: rs.Camera, exposures: Sequence[rs.Exposure]
+) -> None:
     """Warn where the accelerometer contradicts the camera's axes on average over frames of a video."""
     gravity_of(clip.path, bottom_of_clip(clip.matrix), recording, camera, some_frames(exposures)).warn()
 
@@ -302,23 +267,19 @@ def _usage(message: str) -> click.UsageError:
     return click.UsageError(printable(message), ctx=click.get_current_context(silent=True))
 
 
-def transfer_of(picture: Picture, transfer: Transfer | Auto) -> Transfer:
+def transfer_of(picture: rs.Picture, transfer: Transfer | Auto) -> Transfer:
     """Return how the picture encodes light; "auto" is sRGB for integers, linear for floats and raw files."""
     if transfer != "auto":
         return transfer
-    from rsdeblur.image.encoded import warn_of_encoded_floats
 
-    warn_of_encoded_floats(picture.pixels)
+    rs.warn_of_encoded_floats(picture.pixels)
     return picture.transfer
 
 
-def display_values(pixels: NDArray[Any], transfer: Transfer) -> NDArray[Any]:
+def display_values(pixels: rs.NDArray[Any], transfer: Transfer) -> rs.NDArray[Any]:
     """Return values for display, integers divided by their full scale, clipped to [0, 1]; linear light becomes sRGB."""
-    from rsdeblur.image.encoded import as_float
-    from rsdeblur.image.transfer import from_linear
-
-    clipped = as_float(pixels).clip(0.0, 1.0)
-    return from_linear(clipped, "srgb") if transfer == "linear" else clipped
+    clipped = rs.as_float(pixels).clip(0.0, 1.0)
+    return rs.from_linear(clipped, "srgb") if transfer == "linear" else clipped
 
 
 @contextmanager

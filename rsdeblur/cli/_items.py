@@ -15,6 +15,7 @@ from typing import Any
 import click
 
 from rsdeblur._util.files import read_file
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._options import FILES, MANY, ONE_OF_MANY, Recording, refuse_given
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import FileFormatError, InputError
@@ -58,16 +59,12 @@ def read_items(source: Path, defaults: Recording, output: Path, *, numbered_from
 
 def _check_shared(defaults: Recording) -> None:
     """Refuse wrong files that all photos would share, once instead of for every photo."""
-    from rsdeblur.io.cameras import detect_camera_format
-    from rsdeblur.io.captures import open_captures
-    from rsdeblur.io.gyro_logs import detect_gyro_format
-
     if defaults.gyro is not None and defaults.gyro_format is None:
-        detect_gyro_format(defaults.gyro)
+        rs.detect_gyro_format(defaults.gyro)
     if defaults.camera is not None:
-        detect_camera_format(defaults.camera)
+        rs.detect_camera_format(defaults.camera)
     if defaults.capture is not None:
-        open_captures(defaults.capture)
+        rs.open_captures(defaults.capture)
 
 
 def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[Place]) -> Iterator[Item]:
@@ -105,15 +102,13 @@ def _places(paths: Iterable[Path]) -> set[Place]:
 
 
 def _session(folder: Path, defaults: Recording, output: Path, numbered_from: int | None) -> Iterator[Item]:
-    from rsdeblur.io.sessions import camera_in, files_in, gyro_log_in, open_session, photos_in
-
     if defaults.start == "exif":
-        files = files_in(folder, without=output)
-        gyro, camera = defaults.gyro or gyro_log_in(folder, files), defaults.camera or camera_in(files)
-        for path in photos_in(folder, files):
+        files = rs.files_in(folder, without=output)
+        gyro, camera = defaults.gyro or rs.gyro_log_in(folder, files), defaults.camera or rs.camera_in(files)
+        for path in rs.photos_in(folder, files):
             yield _item(path, result_name(path.relative_to(folder)), {"gyro": gyro, "camera": camera}, defaults)
         return
-    session = open_session(
+    session = rs.open_session(
         folder, gyro=defaults.gyro, capture=defaults.capture, numbered_from=numbered_from, without=output
     )
     known = {"gyro": session.gyro, "capture": session.capture, "camera": defaults.camera or session.camera}
@@ -126,13 +121,11 @@ def _session(folder: Path, defaults: Recording, output: Path, numbered_from: int
 
 
 def _manifest(path: Path, defaults: Recording) -> Iterator[Item]:
-    from rsdeblur.io.source import Source, mistaken
-
     try:
         text = read_file(path, "manifest").decode("utf-8-sig")
     except UnicodeDecodeError as error:
         unreadable = FileFormatError(f"{path}: cannot read the manifest: it is not UTF-8 text")
-        raise mistaken(Source(path, "manifest")) or unreadable from error
+        raise rs.mistaken(rs.Source(path, "manifest")) or unreadable from error
     rows = iter(_rows(text))
     _, head = next(rows, (0, []))
     if not head:
@@ -140,7 +133,7 @@ def _manifest(path: Path, defaults: Recording) -> Iterator[Item]:
     try:
         head = _head(path, head)
     except FileFormatError as error:
-        raise mistaken(Source(path, "manifest")) or error from None
+        raise rs.mistaken(rs.Source(path, "manifest")) or error from None
     for line, row in rows:
         if any(cell.strip() for cell in row):
             yield _row(path, line, head, row, defaults)
@@ -224,8 +217,6 @@ def _item(photo: Path, result: Path, own: dict[str, Any], defaults: Recording) -
 
 def result_name(photo: Path) -> Path:
     """Return the name of a photo's result: its own, or that of a PNG if results cannot have its format."""
-    from rsdeblur.io.picture_output import KINDS
-
     if not photo.name:
         raise InputError(f"{photo}: this is a folder, not a photo")
-    return photo if photo.suffix.lower() in KINDS else photo.with_suffix(".png")
+    return photo if photo.suffix.lower() in rs.KINDS else photo.with_suffix(".png")

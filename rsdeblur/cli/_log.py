@@ -8,16 +8,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from rsdeblur.cli import _engine as rs
+from rsdeblur.cli._options import Recording
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
-
-if TYPE_CHECKING:
-    from rsdeblur.cli._options import Recording
-    from rsdeblur.io.samples import GyroFile
-    from rsdeblur.motion.acceleration import AccelerationLog
-    from rsdeblur.motion.camera import Camera
-    from rsdeblur.motion.exposure import Exposure
 
 FileState = tuple[int, ...] | None
 
@@ -42,7 +37,7 @@ def file_state(path: Path) -> FileState:
     return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
 
 
-def read_log(recording: Recording) -> GyroFile:
+def read_log(recording: Recording) -> rs.GyroFile:
     """Read the log that the options name, without its bias, and show its warnings.
 
     The last log is kept: a long one takes longer than deblurring a photo.
@@ -53,7 +48,7 @@ def read_log(recording: Recording) -> GyroFile:
     return file if recording.bias is None else replace(file, log=file.log.minus_bias(recording.bias))
 
 
-def known_log(recording: Recording) -> tuple[GyroFile, list[str]]:
+def known_log(recording: Recording) -> tuple[rs.GyroFile, list[str]]:
     """Return the log with its bias, and the warnings of its reader."""
     reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate
     return _gyro_file(recording.gyro, file_state(recording.gyro), *reading)
@@ -62,37 +57,31 @@ def known_log(recording: Recording) -> tuple[GyroFile, list[str]]:
 @lru_cache(maxsize=1)
 def _gyro_file(
     path: Path, _: FileState, format: str | None, unit: str | None, orientation: str | None, rate: float | None
-) -> tuple[GyroFile, list[str]]:
-    from rsdeblur.io import open_gyro
-
+) -> tuple[rs.GyroFile, list[str]]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RsdeblurWarning)
-        file = open_gyro(path, format, unit=unit, orientation=orientation, rate=rate)
+        file = rs.open_gyro(path, format, unit=unit, orientation=orientation, rate=rate)
     return file, [str(warning.message) for warning in caught]
 
 
-def accelerometer(path: Path) -> AccelerationLog | None:
+def accelerometer(path: Path) -> rs.AccelerationLog | None:
     """Return the accelerometer's samples in a gyro log; None if there are none that can be read."""
     return _acceleration(path, file_state(path))
 
 
 @lru_cache(maxsize=1)
-def _acceleration(path: Path, _: FileState) -> AccelerationLog | None:
-    from rsdeblur.io import read_acceleration
-
+def _acceleration(path: Path, _: FileState) -> rs.AccelerationLog | None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RsdeblurWarning)
         try:
-            return read_acceleration(path)
+            return rs.read_acceleration(path)
         except RsdeblurError:
             return None
 
 
-def warn_of_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
+def warn_of_axes(file: rs.GyroFile, camera: rs.Camera, recording: Recording) -> None:
     """Warn if the camera file contradicts the axes of the log, where those are known."""
     import numpy as np
-
-    from rsdeblur.motion.axes import imu_to_camera
 
     problems = []
     if file.axes == "phone" and camera.readout_time == 0:
@@ -103,7 +92,7 @@ def warn_of_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
     given = None
     if np.array_equal(camera.imu_to_camera, np.eye(3)):
         given = "the identity"
-    elif file.axes == "gyroflow" and np.array_equal(camera.imu_to_camera, imu_to_camera("phone-portrait")):
+    elif file.axes == "gyroflow" and np.array_equal(camera.imu_to_camera, rs.imu_to_camera("phone-portrait")):
         given = "that of a phone's axes"
     if given is not None and file.axes != "sensor":
         expected = "phone-portrait or phone-landscape" if file.axes == "phone" else "gyroflow"
@@ -116,9 +105,7 @@ def warn_of_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
 
 def bottom_of_photo(exif: bytes | None) -> float | None:
     """Return where the bottom of the viewed picture is in the stored one, see `BOTTOMS`; None if it is unknown."""
-    from rsdeblur.io.exif import Exif
-
-    return BOTTOMS.get(Exif(exif).orientation)
+    return BOTTOMS.get(rs.Exif(exif).orientation)
 
 
 def bottom_of_clip(matrix: tuple[int, ...] | None) -> float | None:
@@ -129,7 +116,7 @@ def bottom_of_clip(matrix: tuple[int, ...] | None) -> float | None:
     return math.atan2(b, d) if a * d - b * c > 0 else None
 
 
-def some_frames(exposures: Sequence[Exposure]) -> Sequence[Exposure]:
+def some_frames(exposures: Sequence[rs.Exposure]) -> Sequence[rs.Exposure]:
     """Return the exposures of some frames of a clip, for `gravity_of`."""
     return exposures[:: -(-len(exposures) // CLIP_FRAMES)]
 
@@ -150,7 +137,7 @@ class Gravity(NamedTuple):
 
 
 def gravity_of(
-    picture: Path, bottom: float | None, recording: Recording, camera: Camera, exposures: Sequence[Exposure]
+    picture: Path, bottom: float | None, recording: Recording, camera: rs.Camera, exposures: Sequence[rs.Exposure]
 ) -> Gravity:
     """Return where the log's accelerometer sees gravity in a picture, or on average in frames of a video.
 
@@ -174,7 +161,7 @@ def gravity_of(
     )
 
 
-def _turn(log: AccelerationLog, camera: Camera, exposures: Sequence[Exposure], bottom: float) -> float | None:
+def _turn(log: rs.AccelerationLog, camera: rs.Camera, exposures: Sequence[rs.Exposure], bottom: float) -> float | None:
     """Return the mean angle from the bottom of the viewed picture to gravity, from -pi to pi; None if it is unknown."""
     angles = [angle for each in exposures if (angle := log.gravity_angle(camera, each)) is not None]
     if not angles:
@@ -182,11 +169,11 @@ def _turn(log: AccelerationLog, camera: Camera, exposures: Sequence[Exposure], b
     return math.remainder(math.atan2(sum(map(math.sin, angles)), sum(map(math.cos, angles))) - bottom, math.tau)
 
 
-def _presets(log: AccelerationLog, axes: str, camera: Camera, exposures: Sequence[Exposure], bottom: float) -> str:
+def _presets(
+    log: rs.AccelerationLog, axes: str, camera: rs.Camera, exposures: Sequence[rs.Exposure], bottom: float
+) -> str:
     """Return the presets of a log in `axes` with which gravity points to the bottom of the picture."""
-    from rsdeblur.motion.axes import PRESETS, imu_to_camera
-
-    names = [name for name in PRESETS if axes == "sensor" or name.startswith(axes)]
-    cameras = (replace(camera, imu_to_camera=imu_to_camera(name)) for name in names)
+    names = [name for name in rs.PRESETS if axes == "sensor" or name.startswith(axes)]
+    cameras = (replace(camera, imu_to_camera=rs.imu_to_camera(name)) for name in names)
     turns = [_turn(log, each, exposures, bottom) for each in cameras]
     return " or ".join(name for name, turn in zip(names, turns, strict=True) if turn is not None and abs(turn) < ASIDE)

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import click
 
 from rsdeblur.choices import Mode
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _types
 from rsdeblur.cli._output import LEVEL, refuse_inputs
 from rsdeblur.errors import InputError, RsdeblurWarning
@@ -306,11 +307,9 @@ def shared_threads(
     Workers of a cluster are not `alone` on their machine; they use one thread each unless `threads` is given. For a
     known number of small `tasks` there are as many processes as there are cores, tasks and memory for.
     """
-    from rsdeblur._util.threads import thread_count
-
     if not alone:
         return jobs or 1, threads or 1
-    cores = thread_count(None)
+    cores = rs.thread_count(None)
     if tasks is not None:
         jobs = jobs or max(1, min(cores // (threads or 1), tasks, _memory() // PROCESS_MEMORY))
     jobs = jobs or max(1, cores // (threads or THREADS))

@@ -15,15 +15,13 @@ import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from rsdeblur._util.atomic import atomic_write, check_target
+from rsdeblur.cli import _engine as rs
 from rsdeblur.errors import OutputError, RsdeblurError
-
-if TYPE_CHECKING:
-    from rsdeblur.types import Progress
-
 
 # Key of the context's `meta` under which the level of detail is: -1 quiet, 1 verbose.
 LEVEL = "rsdeblur.level"
@@ -130,9 +128,7 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool, dry_run: 
 
     Folders that were made and are still empty when the command ends are removed. A dry run makes none.
     """
-    from rsdeblur.io.picture_output import KINDS
-
-    if folder.suffix.lower() in KINDS and not folder.is_dir():
+    if folder.suffix.lower() in rs.KINDS and not folder.is_dir():
         raise OutputError(f"{folder}: the results are several files, so the output is a folder; give the name of one")
 
     made = [each for each in (folder, *folder.parents) if not each.exists()]
@@ -159,8 +155,6 @@ def _remove_empty(folders: Sequence[Path]) -> None:
 
 def check_output(path: Path, *, force: bool, suffixes: Sequence[str] = (), kind: str = "") -> None:
     """Check before the work that a file can be written."""
-    from rsdeblur._util.atomic import check_target
-
     if suffixes and path.suffix.lower() not in suffixes:
         raise OutputError(f"{path}: {kind}; give it a name that ends in {suffixes[0]}")
     refuse_inputs(path)
@@ -185,16 +179,12 @@ def print_json(payload: Any) -> None:
 
 def write_json(path: Path, payload: Any) -> None:
     """Write `payload` as JSON, atomically."""
-    from rsdeblur._util.atomic import atomic_write
-
     with atomic_write(path) as file:
         file.write((json.dumps(payload, indent=2) + "\n").encode())
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
     """Write a CSV file, atomically, whose cells no spreadsheet takes for a formula and no terminal for a command."""
-    from rsdeblur._util.atomic import atomic_write
-
     text = io.StringIO()
     table = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
     table.writeheader()
@@ -228,7 +218,7 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(table)
 
 
-def _stages(title: str) -> Progress:
+def _stages(title: str) -> rs.Progress:
     """Return a function of progress that prints when a stage begins."""
     begin, last = time.perf_counter(), ""
 
@@ -242,7 +232,7 @@ def _stages(title: str) -> Progress:
 
 
 @contextmanager
-def progress(title: str) -> Iterator[Progress | None]:
+def progress(title: str) -> Iterator[rs.Progress | None]:
     """Show a progress bar on a terminal; yield the function that moves it, or None if stderr is not a terminal.
 
     Until its first move, the bar shows activity only. A verbose command prints a line for each stage instead, a quiet

@@ -6,11 +6,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.core import ParameterSource
 
+from rsdeblur.choices import Mode
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._inputs import (
     Inputs,
     naming,
@@ -25,15 +27,6 @@ from rsdeblur.cli._log import Gravity
 from rsdeblur.cli._options import ONE_PHOTO, Recording, flag
 from rsdeblur.cli._output import level, prepare_folder, say_detail
 from rsdeblur.pipeline.options import BLUR, Options
-
-if TYPE_CHECKING:
-    from rsdeblur.choices import Mode
-    from rsdeblur.estimate.refine import Refinement
-    from rsdeblur.io.pictures import Picture
-    from rsdeblur.motion.paths import BlurPaths
-    from rsdeblur.pipeline.plan import DeblurResult, Plan
-    from rsdeblur.psf import PsfBank
-    from rsdeblur.types import Progress
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,27 +58,21 @@ class Prepared:
         """Context that names the file at fault in errors."""
         return naming(self.photo, self.recording)
 
-    def plan(self, move: Progress | None = None, options: Options | None = None) -> Plan:
+    def plan(self, move: rs.Progress | None = None, options: Options | None = None) -> rs.Plan:
         """Plan the deblurring, and refine the recording first if the options do."""
-        from rsdeblur.pipeline.plan import plan_for
-
         picture, log, camera, exposure = self.inputs
         known = self.options.refine and self.gravity.confirms
         options = options or self.options
-        return plan_for(picture.pixels, log, camera, exposure, options, known_axes=known, progress=move)
+        return rs.plan_for(picture.pixels, log, camera, exposure, options, known_axes=known, progress=move)
 
-    def kernels(self) -> tuple[PsfBank, BlurPaths]:
+    def kernels(self) -> tuple[rs.PsfBank, rs.BlurPaths]:
         """Return the PSFs of the recording as the files give it, and their paths."""
-        from rsdeblur.pipeline.deblur import NSR
-        from rsdeblur.pipeline.plan import plan
-        from rsdeblur.psf import PsfBank
-
         nsr = self.options.nsr
         _, log, camera, exposure = self.inputs
         with self.naming:
-            planned = plan(log, camera, exposure, replace(self.options, refine=False))
-            paths = planned.tile_paths(NSR if nsr == "auto" else nsr)
-            return planned.frame.bank(PsfBank.from_paths(paths)), paths
+            planned = rs.plan(log, camera, exposure, replace(self.options, refine=False))
+            paths = planned.tile_paths(rs.NSR if nsr == "auto" else nsr)
+            return planned.frame.bank(rs.PsfBank.from_paths(paths)), paths
 
 
 def prepare(
@@ -164,22 +151,20 @@ def check_sources(context: click.Context, recording: Recording, psf: Path | None
         )
 
 
-def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
+def deblur_photo(job: PhotoJob, move: rs.Progress | None = None) -> dict[str, Any]:
     """Deblur and write one photo, or only read and check its files, and return the facts to report."""
     _prepare_result(job)
     if job.psf is not None:
         return _deconvolve(job, job.psf, move)
     ready = prepare(job.photo, job.recording, job.options, refine_anyway=job.refine_anyway)
     if job.dry_run:
-        from rsdeblur.image.encoded import check_size
-
         with ready.naming:
-            check_size(ready.inputs.picture.pixels.shape, ready.inputs.camera)
+            rs.check_size(ready.inputs.picture.pixels.shape, ready.inputs.camera)
         # As much as possible is checked without solving.
         bank, _ = ready.kernels()
         return _planned(job, bank, job.options.mode_in_effect, ready.inputs.picture)
 
-    def solve(out: Any) -> DeblurResult:
+    def solve(out: Any) -> rs.DeblurResult:
         with ready.naming:
             return ready.plan(move).apply(ready.inputs.picture.pixels, out=out, progress=move)
 
@@ -187,40 +172,34 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     return facts | moment_facts(job.recording, ready.inputs)
 
 
-def _deconvolve(job: PhotoJob, psf: Path, move: Progress | None) -> dict[str, Any]:
+def _deconvolve(job: PhotoJob, psf: Path, move: rs.Progress | None) -> dict[str, Any]:
     """Deblur one photo with PSFs from a file, which needs neither log nor camera."""
-    from rsdeblur.io.arrays import read_psfs
-    from rsdeblur.io.pictures import read_picture
-    from rsdeblur.pipeline.deconvolve import check_bank, deconvolve_with, mode_of
-
-    picture = read_picture(job.photo, in_place=job.options.max_memory is not None)
-    bank = read_psfs(psf, picture.pixels.shape)
+    picture = rs.read_picture(job.photo, in_place=job.options.max_memory is not None)
+    bank = rs.read_psfs(psf, picture.pixels.shape)
     options = replace(job.options, transfer=transfer_of(picture, job.options.transfer), check=False)
     with naming(psf):
-        check_bank(bank, picture.pixels.shape)
+        rs.check_bank(bank, picture.pixels.shape)
     if job.dry_run:
-        return _planned(job, bank, mode_of(bank), picture)
+        return _planned(job, bank, rs.mode_of(bank), picture)
 
-    def solve(out: Any) -> DeblurResult:
+    def solve(out: Any) -> rs.DeblurResult:
         with naming(job.photo):
-            return deconvolve_with(options, picture.pixels, bank, out=out, progress=move)
+            return rs.deconvolve_with(options, picture.pixels, bank, out=out, progress=move)
 
-    return _written(job, picture, mode_of(bank), solve)
+    return _written(job, picture, rs.mode_of(bank), solve)
 
 
 def _prepare_result(job: PhotoJob) -> None:
     """Check that the result can be written, and make its folder if the job does; a dry run makes none."""
-    from rsdeblur.io.picture_output import check_kind, check_writable
-
     if job.make_folder:
         prepare_folder(job.output.parent, [], force=job.force, dry_run=job.dry_run)
     if job.dry_run and job.make_folder and not job.output.parent.is_dir():
-        check_kind(job.output)
+        rs.check_kind(job.output)
     else:
-        check_writable(job.output, force=job.force)
+        rs.check_writable(job.output, force=job.force)
 
 
-def _planned(job: PhotoJob, bank: PsfBank, mode: Mode, picture: Picture) -> dict[str, Any]:
+def _planned(job: PhotoJob, bank: rs.PsfBank, mode: Mode, picture: rs.Picture) -> dict[str, Any]:
     """Return the facts that a dry run knows."""
     return {
         "output": str(job.output),
@@ -232,22 +211,19 @@ def _planned(job: PhotoJob, bank: PsfBank, mode: Mode, picture: Picture) -> dict
     }
 
 
-def _written(job: PhotoJob, picture: Picture, mode: Mode, solve: Any) -> dict[str, Any]:
+def _written(job: PhotoJob, picture: rs.Picture, mode: Mode, solve: Any) -> dict[str, Any]:
     """Solve and write a picture, and return the facts to report."""
-    from rsdeblur.cli._measure import stopwatch
-    from rsdeblur.io.picture_output import picture_to_fill
-
     in_place = job.options.max_memory is not None
     # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
     with (
-        stopwatch() as watch,
-        picture_to_fill(job.output, picture.pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
+        rs.stopwatch() as watch,
+        rs.picture_to_fill(job.output, picture.pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
     ):
         result = solve(out)
     return facts_of(result, job.output, mode, job.options.prior_name, watch.seconds)
 
 
-def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: str, seconds: float) -> dict[str, Any]:
+def facts_of(result: rs.DeblurResult, output: Path, mode: Mode, prior: str, seconds: float) -> dict[str, Any]:
     """Return the facts to report about a written result."""
     return {
         "output": str(output),
@@ -299,7 +275,7 @@ def moment_facts(recording: Recording, inputs: Inputs) -> dict[str, float]:
     return {"time_offset_s": inputs.camera.time_offset} if recording.start == "exif" else {}
 
 
-def refinement_facts(refinement: Refinement) -> dict[str, Any]:
+def refinement_facts(refinement: rs.Refinement) -> dict[str, Any]:
     """Return the facts about a correction of the recording, for JSON."""
     return {
         "accepted": refinement.accepted,

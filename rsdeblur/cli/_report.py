@@ -8,16 +8,13 @@ from contextlib import contextmanager
 from dataclasses import asdict, fields
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rsdeblur.cli import _engine as rs
+from rsdeblur.cli._options import Recording
 from rsdeblur.cli._photo import correction_text
 from rsdeblur.errors import RsdeblurWarning
-
-if TYPE_CHECKING:
-    from rsdeblur.cli._options import Recording
-    from rsdeblur.pipeline.options import Options
-    from rsdeblur.report import Page
-    from rsdeblur.report.figures import Level
+from rsdeblur.pipeline.options import Options
 
 
 @contextmanager
@@ -38,19 +35,17 @@ def capture_warnings(*, show: bool = True) -> Iterator[list[str]]:
         yield texts
 
 
-def complete(page: Page, recording: Recording, options: Options, texts: Sequence[str]) -> Page:
+def complete(page: rs.Page, recording: Recording, options: Options, texts: Sequence[str]) -> rs.Page:
     """Return the page with settings and remarks; it names files without their folders, which may be private."""
-    from rsdeblur.report.figures import Finding
-
     paths = [Path(page.report["photo"]), *(value for value in asdict(recording).values() if isinstance(value, Path))]
     remarks = []
     for text in texts:
         for path in sorted(paths, key=lambda path: len(str(path)), reverse=True):
             text = text.replace(str(path), path.name)
-        remarks.append(Finding("warning", "Remark", text))
+        remarks.append(rs.Finding("warning", "Remark", text))
     if correction := page.report.get("refinement"):
-        level: Level = "good" if correction["accepted"] else "note"
-        remarks.append(Finding(level, "Motion", correction_text(correction)))
+        level: rs.Level = "good" if correction["accepted"] else "note"
+        remarks.append(rs.Finding(level, "Motion", correction_text(correction)))
     return page._replace(settings=_settings(page, recording, options), remarks=remarks)
 
 
@@ -73,12 +68,9 @@ def _corrections(refinement: Mapping[str, Any]) -> dict[str, str]:
     return values | {"confidence": f"{refinement['confidence']:.2f}", "accepted": verdict}
 
 
-def _settings(page: Page, recording: Recording, options: Options) -> dict[str, dict[str, str]]:
-    from rsdeblur.config import show_config
-    from rsdeblur.io.exif import Exif
-
+def _settings(page: rs.Page, recording: Recording, options: Options) -> dict[str, dict[str, str]]:
     report, picture, log, camera, exposure, *_ = page
-    orientation = Exif(picture.exif).orientation
+    orientation = rs.Exif(picture.exif).orientation
     tables: dict[str, Mapping[str, Any]] = {
         "Picture": {
             "photo": Path(report["photo"]),
@@ -94,7 +86,7 @@ def _settings(page: Page, recording: Recording, options: Options) -> dict[str, d
         "Exposure": {"start, s": exposure.start, "duration, s": exposure.duration, "origin, ns": exposure.epoch_ns},
         "Gyro log": {"samples": len(log), "rate, Hz": log.rate, "span, s": log.span, "origin, ns": log.epoch_ns},
         "Camera": {each.name: getattr(camera, each.name) for each in fields(camera)},
-        "Software": show_config(mode="dict"),
+        "Software": rs.show_config(mode="dict"),
     }
     return {
         title: {name.replace("_", " "): text for name, value in rows.items() if (text := _text(value))}

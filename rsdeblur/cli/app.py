@@ -17,12 +17,13 @@ from functools import lru_cache
 from itertools import chain, count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import click
 from click.core import ParameterSource
 
 from rsdeblur.choices import SHARP
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import (
     Inputs,
@@ -41,12 +42,7 @@ from rsdeblur.cli._photo import PhotoJob, Prepared, deblur_photo, prepare
 from rsdeblur.cli._report import capture_warnings
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import CoverageError, InputError, OutputError, RsdeblurError
-
-if TYPE_CHECKING:
-    from rsdeblur.app import Basis, Crop, LocalServer
-    from rsdeblur.io.pictures import Picture
-    from rsdeblur.pipeline.options import Options
-    from rsdeblur.pipeline.plan import DeblurResult
+from rsdeblur.pipeline.options import Options
 
 # Options that have a slider; the strengths of the whole picture are derived without them, and so stay while they move.
 MOVED = ("time_offset", "readout_time", "focal_length", "softness")
@@ -72,18 +68,16 @@ def command(photos: tuple[Path, ...], recording: Recording, port: int, no_browse
     shows a crop with its PSFs and the check's verdict, copies the command for `rsdeblur deblur`, and saves the full
     picture with the same code. Ctrl-C ends it.
     """
-    from rsdeblur.app import LocalServer, app_page
-
     with Desk([str(photo.absolute()) for photo in photos], _given(click.get_current_context())) as desk:
         try:
-            server = LocalServer(app_page(), desk.actions, desk.upload, port)
+            server = rs.LocalServer(rs.app_page(), desk.actions, desk.upload, port)
         except OSError as error:
             raise InputError(f"--port {port}: {error.strerror}; leave the option out to take a free port") from error
         with server:
             _serve(server, browser=not no_browser)
 
 
-def _serve(server: LocalServer, *, browser: bool) -> None:
+def _serve(server: rs.LocalServer, *, browser: bool) -> None:
     say(f"{server.url}", "Open this address in a browser of this machine; Ctrl-C ends the app.")
     if browser:
         webbrowser.open(server.url)
@@ -179,15 +173,13 @@ class Desk:
 
     def _open(self, form: Mapping[str, Any]) -> dict[str, Any]:
         """Read the files of a form, and describe the picture and the camera."""
-        from rsdeblur.report.drawings import picture_uris
-
         with self._busy, capture_warnings(show=False) as notes:
             photo, *_ = request = _request(arguments(form))
             picture, _, camera, exposure = _ready(request).inputs
             # The overview has at most twice the pixels that the page shows of it.
             stride = max(1, max(picture.pixels.shape[:2]) // 1120)
             shown = display_values(picture.pixels[::stride, ::stride], picture.transfer)
-            (overview,), _ = picture_uris({"picture": shown}, picture.icc_profile)
+            (overview,), _ = rs.picture_uris({"picture": shown}, picture.icc_profile)
         return {
             "name": photo.name,
             "size": [camera.width, camera.height],
@@ -208,8 +200,6 @@ class Desk:
 
     def _solve(self, form: Mapping[str, Any]) -> dict[str, Any]:
         """Deblur the crop that the form names."""
-        from rsdeblur.app import Crop, solve_crop
-
         begin = time.perf_counter()
         scale = number_of(form, "scale", 1.0, 0.2, 1.0)
         with self._busy, capture_warnings(show=False) as notes:
@@ -220,9 +210,9 @@ class Desk:
             ready = _ready(_request(words))
             options = replace(ready.options, check=bool(form.get("check")))
             picture, log, camera, exposure = ready.inputs
-            crop = Crop(*box_of(form)).within(camera)
+            crop = rs.Crop(*box_of(form)).within(camera)
             with ready.naming:
-                result = solve_crop(picture.pixels, log, camera, exposure, options, basis, crop, scale=scale)
+                result = rs.solve_crop(picture.pixels, log, camera, exposure, options, basis, crop, scale=scale)
         answer = _shown(result, ready, crop, draft=scale < 1.0)
         name, value = basis.strength
         return answer | {
@@ -234,7 +224,7 @@ class Desk:
             "notes": notes,
         }
 
-    def _tuned(self, form: Mapping[str, Any]) -> tuple[list[str], Basis]:
+    def _tuned(self, form: Mapping[str, Any]) -> tuple[list[str], rs.Basis]:
         """Return the arguments that a form means, and the strengths that they choose."""
         states = [file_state(Path(path_of(form, name))) for name in ("photo", *FILES)]
         words = arguments(form, moved_of(form))
@@ -264,8 +254,6 @@ class Desk:
 
     def _job_of(self, form: Mapping[str, Any]) -> PhotoJob:
         """Return what saving deblurs and where it writes."""
-        from rsdeblur.io.picture_output import check_writable
-
         if not text_of(form, "output"):
             raise InputError("choose the name of the result")
         with self._busy:
@@ -274,7 +262,7 @@ class Desk:
         if output.exists():
             # The page has no --force.
             raise OutputError(f"{output}: the file exists; choose another name")
-        check_writable(output, force=False)
+        rs.check_writable(output, force=False)
         return PhotoJob(photo=photo, recording=recording, options=options, output=output)
 
     def _run(self, photo: PhotoJob, job: Job) -> None:
@@ -310,14 +298,12 @@ def _request(words: Sequence[str]) -> Request:
 
 def _ready(request: Request) -> Prepared:
     """Prepare a photo as `rsdeblur deblur` does, with pictures and times that are kept."""
-    from rsdeblur.image.encoded import check_size
-
     photo, recording, options = request
     try:
         log, camera, exposure = read_recording(recording, photo)
         picture = _picture(photo, file_state(photo))
         with naming(photo):
-            check_size(picture.pixels.shape, camera)
+            rs.check_size(picture.pixels.shape, camera)
         inputs = Inputs(picture, log, camera, exposure)
         if recording.start == "exif":
             inputs = _timed(photo, tuple(map(file_state, (photo, recording.gyro, recording.camera))), recording)
@@ -335,40 +321,33 @@ def _timed(photo: Path, states: tuple[tuple[int, ...] | None, ...], recording: R
 
 
 @lru_cache(maxsize=1)
-def _picture(photo: Path, _: tuple[int, ...] | None) -> Picture:
+def _picture(photo: Path, _: tuple[int, ...] | None) -> rs.Picture:
     """Read a photo; kept for the next request."""
-    from rsdeblur.io.pictures import read_picture
-
-    return read_picture(photo)
+    return rs.read_picture(photo)
 
 
-def _basis(words: tuple[str, ...], *_: tuple[int, ...] | None) -> Basis:
+def _basis(words: tuple[str, ...], *_: tuple[int, ...] | None) -> rs.Basis:
     """Derive the strengths of a whole picture; kept for each choice of files, mode and prior."""
-    from rsdeblur.app import derive_basis
-
     ready = _ready(_request(words))
     picture, log, camera, exposure = ready.inputs
     with ready.naming:
-        return derive_basis(picture.pixels, log, camera, exposure, replace(ready.options, check=False))
+        return rs.derive_basis(picture.pixels, log, camera, exposure, replace(ready.options, check=False))
 
 
-def _shown(result: DeblurResult, ready: Prepared, crop: Crop, *, draft: bool) -> dict[str, Any]:
+def _shown(result: rs.DeblurResult, ready: Prepared, crop: rs.Crop, *, draft: bool) -> dict[str, Any]:
     """Return the crop as data of the page; a draft shows its picture only."""
-    from rsdeblur.report.drawings import bank_data, picture_uris
-    from rsdeblur.report.figures import readout_data
-
     inputs, transfer = ready.inputs, transfer_of(ready.inputs.picture, ready.options.transfer)
     pictures = {"result": display_values(result.image, transfer)}
     if not draft:
         pictures["input"] = display_values(crop.cut(inputs.picture.pixels), transfer)
-    uris, _ = picture_uris(pictures, inputs.picture.icc_profile)
+    uris, _ = rs.picture_uris(pictures, inputs.picture.icc_profile)
     return {
         "size": [crop.width, crop.height],
         "box": list(crop),
         "scale": result.image.shape[1] / crop.width,
         "pictures": dict(zip(pictures, uris, strict=True)),
-        "banks": {} if draft else {"PSFs": bank_data(result.psfs)},
-        "motion": readout_data(inputs.camera.cropped(*crop), inputs.exposure),
+        "banks": {} if draft else {"PSFs": rs.bank_data(result.psfs)},
+        "motion": rs.readout_data(inputs.camera.cropped(*crop), inputs.exposure),
     }
 
 

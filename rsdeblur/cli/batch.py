@@ -11,12 +11,14 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from rsdeblur._util.atomic import remove_unfinished
 from rsdeblur._util.files import read_file
 from rsdeblur.choices import BATCH, SHARP
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._items import COLUMNS, Item, read_items
 from rsdeblur.cli._options import FILES, MANY, Command, Recording, Target, option, shared_threads
@@ -37,10 +39,7 @@ from rsdeblur.cli._output import (
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
-from rsdeblur.pipeline.options import COMPUTING
-
-if TYPE_CHECKING:
-    from rsdeblur.pipeline.options import Options
+from rsdeblur.pipeline.options import COMPUTING, Options
 
 TABLE = "batch.csv"
 COLUMNS_OF_TABLE = (
@@ -115,9 +114,7 @@ def command(
     batch.run(items, jobs, scheduler)
     summary = batch.summary()
     if report is not None and not target.dry_run:
-        from rsdeblur.report import write_batch_page
-
-        write_batch_page(report, batch.entries, title=source.name)
+        rs.write_batch_page(report, batch.entries, title=source.name)
     if target.as_json:
         print_json(summary)
     else:
@@ -166,20 +163,18 @@ class _Batch:
 
     def run(self, items: list[Item], jobs: int, scheduler: str | None) -> None:
         """Deblur the photos that are not done yet."""
-        from rsdeblur._util.workers import Failure, run
-
         self.entries = [{"photo": str(item.photo)} for item in items]
         tasks = dict(self._tasks(items))
         if tasks:
             # From now on a result with this name is of this recipe: it is written as a whole, or not at all.
             self._write({"items": self._earlier})
         here = tasks if scheduler is None else {i: _absolute(job) for i, job in tasks.items()}
-        answers = run(work, here.items(), jobs=jobs, scheduler=scheduler, lost=_tidy)
+        answers = rs.run(work, here.items(), jobs=jobs, scheduler=scheduler, lost=_tidy)
         try:
             with progress("batch") as move, closing(answers) as done:
                 for (i, _), answer in done:
                     with _as_row(self.entries[i]):
-                        if isinstance(answer, Failure):
+                        if isinstance(answer, rs.Failure):
                             raise InputError(answer.message)
                         self._finish(tasks[i], items[i], self.entries[i], answer)
                     if move is not None:
@@ -290,8 +285,6 @@ def _absolute(job: PhotoJob) -> PhotoJob:
 
 def _tidy(task: tuple[int, PhotoJob]) -> None:
     """Remove what a worker that was killed has left."""
-    from rsdeblur._util.atomic import remove_unfinished
-
     # Its row has the error of an output that no file can be.
     with suppress(OSError):
         remove_unfinished(task[1].output)

@@ -8,11 +8,13 @@ from collections.abc import Sequence
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import click
 
 from rsdeblur import choices
+from rsdeblur.choices import Auto, Mode
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import (
     clip_exposures,
@@ -39,17 +41,7 @@ from rsdeblur.cli._photo import facts_of, refinement_facts, remarks, summary
 from rsdeblur.cli._report import capture_warnings, complete
 from rsdeblur.cli._types import PATH, TextType, numbers
 from rsdeblur.errors import InputError
-from rsdeblur.pipeline.options import BLUR
-
-if TYPE_CHECKING:
-    from rsdeblur.burst.burst import BurstResult
-    from rsdeblur.choices import Auto, Mode
-    from rsdeblur.io.pictures import Picture
-    from rsdeblur.motion.camera import Camera
-    from rsdeblur.motion.exposure import Exposure
-    from rsdeblur.motion.gyro import GyroLog
-    from rsdeblur.pipeline.options import Options
-    from rsdeblur.report import Page
+from rsdeblur.pipeline.options import BLUR, Options
 
 EXAMPLES = """\b
 Examples:
@@ -142,14 +134,10 @@ def command(
     if weights is not None:
         import numpy as np
 
-        from rsdeblur.io.picture_output import write_picture
-
-        write_picture(weights, np.hstack([frame.weights for frame in result.frames]), force=target.force)
+        rs.write_picture(weights, np.hstack([frame.weights for frame in result.frames]), force=target.force)
     if report is not None:
-        from rsdeblur.report import write_page
-
         compared = _compared(clip or photos[result.reference], shots, facts, result, options)
-        write_page(report, complete(compared, recording, options, texts))
+        rs.write_page(report, complete(compared, recording, options, texts))
     if target.as_json:
         print_json(facts)
     else:
@@ -166,8 +154,6 @@ def _check(
     target: Target,
 ) -> None:
     """Refuse options of a burst that contradict each other, and outputs that cannot be written."""
-    from rsdeblur.io.picture_output import check_writable
-
     if numbered_from is not None:
         raise click.UsageError("--numbered-from is for folders; --frames says which frames the photos are")
     _options.require(recording, "gyro", "camera")
@@ -179,28 +165,26 @@ def _check(
         raise click.UsageError(f"-o and --weights are both {weights}; give each its own name")
     for path in filter(None, (target.output, weights)):
         refuse_inputs(path)
-        check_writable(path, force=target.force)
+        rs.check_writable(path, force=target.force)
     check_page(report, force=target.force)
 
 
 class Shots(NamedTuple):
     """Frames of a burst with their numbers and exposures, and their log and camera."""
 
-    pictures: list[Picture]
+    pictures: list[rs.Picture]
     numbers: list[int]
-    exposures: list[Exposure]
-    log: GyroLog
-    camera: Camera
+    exposures: list[rs.Exposure]
+    log: rs.GyroLog
+    camera: rs.Camera
 
 
 def _checked(shots: Shots, names: Sequence[Path | str]) -> Shots:
     """Return the frames of a burst; raise an error that names a frame which the camera or the others do not fit."""
-    from rsdeblur.image.encoded import check_size
-
     shapes = [picture.pixels.shape for picture in shots.pictures]
     for name, shape in zip(names, shapes, strict=True):
         with naming(name):
-            check_size(shape, shots.camera)
+            rs.check_size(shape, shots.camera)
         if shape != shapes[0]:
             raise InputError(
                 f"{name}: the picture has shape {shape}, but {names[0]} has {shapes[0]}; the frames of a burst must "
@@ -211,16 +195,13 @@ def _checked(shots: Shots, names: Sequence[Path | str]) -> Shots:
 
 def _deblurred(
     shots: Shots, mode: Mode | Auto, options: Options, target: Target, *, reference: int | None = None
-) -> tuple[dict[str, Any], BurstResult]:
+) -> tuple[dict[str, Any], rs.BurstResult]:
     """Deblur and write a burst, and return the facts to report and the result."""
-    from rsdeblur.burst.burst import deblur_burst
-    from rsdeblur.io.picture_output import write_picture
-
     pictures, numbers, exposures, log, camera = shots
     options = replace(options, transfer=transfer_of(pictures[0], options.transfer))
     begin = time.perf_counter()
     with progress("burst") as move:
-        result = deblur_burst(
+        result = rs.deblur_burst(
             [picture.pixels for picture in pictures],
             *(log, camera, exposures),
             reference="auto" if reference is None else numbers.index(reference),
@@ -228,20 +209,17 @@ def _deblurred(
             progress=move,
             **{member.name: getattr(options, member.name) for member in fields(options) if member.name != "mode"},
         )
-    write_picture(target.output, result.image, like=pictures[result.reference], force=target.force)
+    rs.write_picture(target.output, result.image, like=pictures[result.reference], force=target.force)
     return _facts(result, numbers, target.output, options, time.perf_counter() - begin), result
 
 
-def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: BurstResult, options: Options) -> Page:
+def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: rs.BurstResult, options: Options) -> rs.Page:
     """Return the content of the page: the result beside the reference, and the weights of all frames."""
-    from rsdeblur.cli._measure import peak_memory_mib
-    from rsdeblur.report import Page
-
     index, label = result.reference, f"burst, {result.mode}"
     picture = shots.pictures[index]
     transfer = transfer_of(picture, options.transfer)
-    return Page(
-        {"photo": str(photo), "modes": {label: facts | {"peak_memory_mib": peak_memory_mib()}}},
+    return rs.Page(
+        {"photo": str(photo), "modes": {label: facts | {"peak_memory_mib": rs.peak_memory_mib()}}},
         *(picture, shots.log, shots.camera, shots.exposures[index]),
         {
             f"frame {facts['reference']}": display_values(picture.pixels, transfer),
@@ -317,24 +295,19 @@ def _from_photos(photos: tuple[Path, ...], frames: list[int], recording: Recordi
 
 def _from_clip(clip: Path, frames: list[int], recording: Recording) -> Shots:
     """Decode frames of a video, and find their exposures."""
-    from rsdeblur.io.pictures import Picture
-    from rsdeblur.video.clip import frames as decoded
-    from rsdeblur.video.clip import open_clip
-    from rsdeblur.video.pixels import values_of
-
-    opened = open_clip(clip)
+    opened = rs.open_clip(clip)
     if max(frames) >= len(opened):
         raise InputError(f"{clip}: there is no frame {max(frames)}; the last one is {len(opened) - 1}")
     exposures = clip_exposures(opened, recording)
     device = read_device(recording)
     warn_of_clip_gravity(opened, recording, device[1], [exposures[n] for n in frames])
     with naming(clip):
-        pictures = [Picture(values_of(next(decoded(opened, n, n + 1)))) for n in frames]
+        pictures = [rs.Picture(rs.values_of(next(rs.frames(opened, n, n + 1)))) for n in frames]
     shots = Shots(pictures, frames, [exposures[n] for n in frames], *device)
     return _checked(shots, [f"{clip}, frame {n}" for n in frames])
 
 
-def _facts(result: BurstResult, frames: list[int], output: Path, options: Options, seconds: float) -> dict[str, Any]:
+def _facts(result: rs.BurstResult, frames: list[int], output: Path, options: Options, seconds: float) -> dict[str, Any]:
     used = [
         {"frame": number} | {m.name: getattr(use, m.name) for m in fields(use) if m.name != "weights"}
         for number, use in zip(frames, result.frames, strict=True)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import click
 
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import clip_exposures, indices_of, naming, read_recording
 from rsdeblur.cli._items import read_items
@@ -17,14 +18,6 @@ from rsdeblur.cli._options import FOR_PHOTOS, Command, Recording, Target, option
 from rsdeblur.cli._output import check_camera_file, print_json, print_table, progress, say
 from rsdeblur.cli._types import PATH, SECONDS
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rsdeblur.calibration import Calibration
-    from rsdeblur.motion.camera import Camera
-    from rsdeblur.motion.exposure import Exposure
-    from rsdeblur.motion.gyro import GyroLog
 
 EXAMPLES = """\b
 Examples:
@@ -53,10 +46,10 @@ GIVEN = tuple(name for name in _options.MANY if name not in ("time_offset", "rea
 class Photos(NamedTuple):
     """Photos or frames, and what is known of each."""
 
-    pictures: Iterator[NDArray[Any]]
-    exposures: list[Exposure]
-    logs: list[GyroLog]
-    start: Camera
+    pictures: Iterator[rs.NDArray[Any]]
+    exposures: list[rs.Exposure]
+    logs: list[rs.GyroLog]
+    start: rs.Camera
 
 
 @click.command("calibrate", cls=Command, epilog=EXAMPLES)
@@ -96,9 +89,6 @@ def command(
     A value that the pictures do not determine is assumed: it keeps its start value. Exit code 1 means that the fit is
     not trustworthy; then no file is written.
     """
-    from rsdeblur.calibration.clip import calibrate
-    from rsdeblur.calibration.photos import calibrate_photos
-
     check_camera_file(target.output, force=target.force)
     name = sources[0]
     with progress("calibrate") as move, naming(name, recording):
@@ -107,9 +97,9 @@ def command(
         usual = SEARCH if is_clip else PHOTO_SEARCH
         search = usual[0] if first is None else first, usual[1] if last is None else last
         if is_clip:
-            result = calibrate(film.pictures, film.exposures, film.logs[0], film.start, search=search, progress=move)
+            result = rs.calibrate(film.pictures, film.exposures, film.logs[0], film.start, search=search, progress=move)
         else:
-            result = calibrate_photos(
+            result = rs.calibrate_photos(
                 film.pictures, film.exposures, film.logs, film.start, search=search, progress=move
             )
     if result.accepted:
@@ -126,42 +116,34 @@ def command(
 
 def _is_clip(film: Photos) -> bool:
     """Return whether enough neighbouring pictures, of one log, are so near in time that they show the same things."""
-    from rsdeblur.calibration.clip import LEAST_PAIRS
-    from rsdeblur.calibration.matches import LONGEST_STEP
-
     # Timestamps of 64 bits are exact as integers only.
     epoch_ns = film.exposures[0].epoch_ns
     times = [1e-9 * (each.epoch_ns - epoch_ns) + each.start for each in film.exposures]
-    near = sum(0 < after - before <= LONGEST_STEP for before, after in pairwise(times))
-    return near >= LEAST_PAIRS and all(log is film.logs[0] for log in film.logs)
+    near = sum(0 < after - before <= rs.LONGEST_STEP for before, after in pairwise(times))
+    return near >= rs.LEAST_PAIRS and all(log is film.logs[0] for log in film.logs)
 
 
 def _film(sources: Sequence[Path], recording: Recording, numbered_from: int | None, count: int, output: Path) -> Photos:
     """Return the pictures to use, their exposures and logs, and the camera with the start values."""
-    from rsdeblur.io.pictures import is_picture
-    from rsdeblur.io.source import Source
-
     if len(sources) == 1 and (sources[0].is_dir() or sources[0].suffix.lower() == ".csv"):
         return _listed(sources[0], recording, numbered_from, output)
     require(recording, "gyro")
     log = read_log(recording).log
-    others = [source for source in sources if not is_picture(Source(source, "video or picture"))]
+    others = [source for source in sources if not rs.is_picture(rs.Source(source, "video or picture"))]
     if others and len(sources) > 1:
         raise FileFormatError(f"{others[0]}: not a picture; give photos, or one clip, folder or manifest alone")
     if not others:
         pictures, exposures, size = _photos(sources, recording, numbered_from)
     else:
-        from rsdeblur.calibration.clip import LEAST_PAIRS
-        from rsdeblur.video.clip import frames, open_clip
-        from rsdeblur.video.pixels import values_of
-
         refuse_given(FOR_PHOTOS, index=recording.index, numbered_from=numbered_from)
-        clip = open_clip(sources[0])
-        if len(clip) <= LEAST_PAIRS:
-            raise InputError(f"the clip has {len(clip)} frames; at least {LEAST_PAIRS + 1} are needed, of some seconds")
+        clip = rs.open_clip(sources[0])
+        if len(clip) <= rs.LEAST_PAIRS:
+            raise InputError(
+                f"the clip has {len(clip)} frames; at least {rs.LEAST_PAIRS + 1} are needed, of some seconds"
+            )
         every = clip_exposures(clip, recording)
         runs = _runs(len(clip), count)
-        pictures = (values_of(frame) for run in runs for frame in frames(clip, run.start, run.stop))
+        pictures = (rs.values_of(frame) for run in runs for frame in rs.frames(clip, run.start, run.stop))
         exposures, size = [every[i] for run in runs for i in run], (clip.width, clip.height)
     return Photos(pictures, exposures, [log] * len(exposures), _start(recording.camera, sources[0], size))
 
@@ -177,13 +159,10 @@ def _runs(length: int, count: int) -> list[range]:
 
 def _photos(
     photos: Sequence[Path], recording: Recording, numbered_from: int | None
-) -> tuple[Iterator[NDArray[Any]], list[Exposure], tuple[int, int]]:
-    from rsdeblur.io import read_captures, read_picture
-    from rsdeblur.io.pictures import read_header
-
+) -> tuple[Iterator[rs.NDArray[Any]], list[rs.Exposure], tuple[int, int]]:
     if recording.capture is None:
         raise click.UsageError("photos need --capture FILE, which lists their exposures, or a manifest")
-    exposures = read_captures(recording.capture, duration=recording.duration)
+    exposures = rs.read_captures(recording.capture, duration=recording.duration)
     index = recording.index
     if index is None and len(exposures) != len(photos):
         try:
@@ -196,14 +175,12 @@ def _photos(
             f"{recording.capture}: the file lists {len(exposures)} exposures from --index {index or 0} on, but there "
             f"are {len(photos)} photos"
         )
-    width, height, _ = read_header(photos[0])
-    return (read_picture(photo).pixels for photo in photos), exposures[: len(photos)], (width, height)
+    width, height, _ = rs.read_header(photos[0])
+    return (rs.read_picture(photo).pixels for photo in photos), exposures[: len(photos)], (width, height)
 
 
 def _listed(source: Path, recording: Recording, numbered_from: int | None, output: Path) -> Photos:
     """Return the photos of a manifest or of a session folder."""
-    from rsdeblur.io import read_picture
-
     items = read_items(source, recording, output, numbered_from=numbered_from)
     if not items:
         raise FileFormatError(f"{source}: no photo is listed")
@@ -214,23 +191,20 @@ def _listed(source: Path, recording: Recording, numbered_from: int | None, outpu
         with naming(item.photo, item.recording):
             found.append(read_recording(item.recording, item.photo, known_axes=False))
     logs, cameras, exposures = (list(each) for each in zip(*found, strict=True))
-    return Photos((read_picture(item.photo).pixels for item in items), exposures, logs, cameras[0])
+    return Photos((rs.read_picture(item.photo).pixels for item in items), exposures, logs, cameras[0])
 
 
-def _start(path: Path | None, source: Path, size: tuple[int, int]) -> Camera:
+def _start(path: Path | None, source: Path, size: tuple[int, int]) -> rs.Camera:
     """Return the camera with the start values: those of a file, of EXIF, or a guess."""
-    from rsdeblur.io import open_camera
-    from rsdeblur.motion.camera import Camera
-
     if path is not None:
-        return open_camera(path, size=size).warn(path)
+        return rs.open_camera(path, size=size).warn(path)
     try:
-        return open_camera(source, "exif", size=size).camera
+        return rs.open_camera(source, "exif", size=size).camera
     except RsdeblurError:
-        return Camera(*size, GUESSED_FOCAL * max(size))
+        return rs.Camera(*size, GUESSED_FOCAL * max(size))
 
 
-def _facts(result: Calibration, output: Path) -> dict[str, Any]:
+def _facts(result: rs.Calibration, output: Path) -> dict[str, Any]:
     values = {
         name: {"value": each.value, "sd": each.sd, "unit": each.unit, "determined": each.determined}
         for name, each in result.values.items()
@@ -247,14 +221,14 @@ def _facts(result: Calibration, output: Path) -> dict[str, Any]:
     }
 
 
-def _grounds(result: Calibration) -> dict[str, Any]:
+def _grounds(result: rs.Calibration) -> dict[str, Any]:
     """Return what the result rests on."""
     if result.photos:
         return {"photos": result.photos}
     return {"explained": result.explained, "pairs": result.pairs, "matches": result.matches}
 
 
-def _print(result: Calibration) -> None:
+def _print(result: rs.Calibration) -> None:
     rows = [["axes", result.mounting, f"confidence {result.confidence:.2f}", "determined"]]
     for name, each in result.values.items():
         factor, unit, digits = UNITS[each.unit]

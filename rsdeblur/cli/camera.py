@@ -7,11 +7,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from rsdeblur.choices import READOUT_DIRECTIONS, TIMESTAMP_MARKS
+from rsdeblur.choices import READOUT_DIRECTIONS, TIMESTAMP_MARKS, Auto, Transfer
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, transfer_of
 from rsdeblur.cli._options import Command, Target, option
@@ -19,11 +20,6 @@ from rsdeblur.cli._output import check_camera_file, print_json, say
 from rsdeblur.cli._types import COUNT, PATH, POSITIVE, READOUT, SECONDS, SIZE, NumberType, TextType, box, numbers
 from rsdeblur.cli.info import camera_facts, print_entry
 from rsdeblur.errors import InputError
-
-if TYPE_CHECKING:
-    from rsdeblur.choices import Auto, Transfer
-    from rsdeblur.io.camera_file import CameraFile
-    from rsdeblur.motion.camera import Camera
 
 EXAMPLES = """\b
 Examples:
@@ -78,9 +74,7 @@ UNSTATED = {
 
 def pixels_of_focal35(focal35: float, size: tuple[int, int]) -> float:
     """Return the focal length in px that a 35 mm equivalent means."""
-    from rsdeblur.io.exif import FILM_DIAGONAL
-
-    return focal35 / FILM_DIAGONAL * math.hypot(*size)
+    return focal35 / rs.FILM_DIAGONAL * math.hypot(*size)
 
 
 @click.group("camera", epilog=EXAMPLES)
@@ -94,9 +88,7 @@ def command() -> None:
 @_options.json_option
 def show(file: Path, name: str | None, as_json: bool) -> None:
     """Show the camera in FILE. It may also be a picture with EXIF."""
-    from rsdeblur.io import open_camera
-
-    _print_camera(file, open_camera(file, name=name), as_json)
+    _print_camera(file, rs.open_camera(file, name=name), as_json)
 
 
 @command.command("new", cls=Command)
@@ -116,19 +108,16 @@ def new(
     **values: Any,
 ) -> None:
     """Create a camera file from numbers."""
-    from rsdeblur.io.camera_file import Assumption, CameraFile
-    from rsdeblur.motion.camera import Camera
-
     if (focal_length is None) == (focal35 is None):
         raise click.UsageError("give one of --focal-length and --focal35", ctx=click.get_current_context())
     width, height = size
     length: Any = focal_length[0] if focal_length and len(focal_length) == 1 else focal_length
     if focal35 is not None:
         length = pixels_of_focal35(focal35, size)
-    camera = Camera(width, height, length, **{key: value for key, value in values.items() if value is not None})
+    camera = rs.Camera(width, height, length, **{key: value for key, value in values.items() if value is not None})
     _write(camera, target)
-    assumptions = tuple(Assumption(key, text) for key, text in UNSTATED.items() if values[key] is None)
-    _print_camera(target.output, CameraFile(camera, "toml", assumptions=assumptions), target.as_json)
+    assumptions = tuple(rs.Assumption(key, text) for key, text in UNSTATED.items() if values[key] is None)
+    _print_camera(target.output, rs.CameraFile(camera, "toml", assumptions=assumptions), target.as_json)
 
 
 @command.command("import", cls=Command)
@@ -156,15 +145,13 @@ def import_(source: Path, format: str | None, focal35: float | None, target: Tar
     movie_metadata.csv, a .gcsv log, a video with telemetry, or a picture with an EXIF block. --scale, --crop and --turn
     are applied in this order; the other options then replace values.
     """
-    from rsdeblur.io import open_camera
-
     scale, crop, turn = (values.pop(name) for name in ("scale", "crop", "turn"))
     reading = {name: values.pop(name) for name in ("size", "name", "fps", "focal_length", "sensor_width")}
     if focal35 is not None:
         if reading["size"] is None or reading["focal_length"] is not None:
             raise click.UsageError("--focal35 needs --size, and excludes --focal-length", click.get_current_context())
         reading["focal_length"] = pixels_of_focal35(focal35, reading["size"])
-    file = open_camera(source, format, **reading)
+    file = rs.open_camera(source, format, **reading)
     camera = file.camera if scale == 1 else file.camera.scaled(scale)
     if crop is not None:
         width, height, left, top = crop
@@ -190,12 +177,9 @@ def measure_readout(
     Take one photo of an evenly lit wall, or better several of one scene from a fixed place, at 1/200 s or shorter: a
     lamp on the mains flickers at twice the mains frequency. Exit code 1 means that there are no clear bands.
     """
-    from rsdeblur.calibration.flicker import measure_flicker
-    from rsdeblur.io.pictures import read_picture
-
-    pictures = [read_picture(photo) for photo in photos]
+    pictures = [rs.read_picture(photo) for photo in photos]
     with naming(photos[0]):
-        found = measure_flicker(
+        found = rs.measure_flicker(
             [picture.pixels for picture in pictures],
             mains=mains,
             horizontal=horizontal,
@@ -209,12 +193,12 @@ def measure_readout(
         say(f"readout time {1e3 * found.readout_time:.1f} ms: {found.bands:.2f} bands of {500 / mains:.2f} ms")
 
 
-def _write(camera: Camera, target: Target) -> None:
+def _write(camera: rs.Camera, target: Target) -> None:
     check_camera_file(target.output, force=target.force)
     camera.save(target.output)
 
 
-def _print_camera(path: Path, file: CameraFile, as_json: bool) -> None:
+def _print_camera(path: Path, file: rs.CameraFile, as_json: bool) -> None:
     entry = {"file": str(path)} | camera_facts(file)
     if as_json:
         print_json(entry)

@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, transfer_of
 from rsdeblur.cli._options import Command, Recording, Target, option
@@ -19,15 +20,7 @@ from rsdeblur.cli._photo import Prepared, facts_of, moment_facts, prepare, refin
 from rsdeblur.cli._report import capture_warnings, complete
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError
-from rsdeblur.pipeline.options import BLUR
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rsdeblur.io.pictures import Picture
-    from rsdeblur.pipeline.options import Options
-    from rsdeblur.psf import PsfBank
-    from rsdeblur.report import Page
+from rsdeblur.pipeline.options import BLUR, Options
 
 SHEET, MAP, REPORT = "side-by-side.png", "psfs.png", "compare.json"
 
@@ -84,9 +77,7 @@ def command(
     with capture_warnings() as texts:
         compared = compare_modes(photo, recording, options, target, truth=truth, modes=modes)
     if report is not None:
-        from rsdeblur.report import write_page
-
-        write_page(report, complete(compared, recording, options, texts))
+        rs.write_page(report, complete(compared, recording, options, texts))
         compared.report["report"] = str(report)
     write_json(output / REPORT, compared.report)
     if target.as_json:
@@ -112,7 +103,7 @@ def compare_modes(
     truth: Path | None,
     modes: Sequence[Mode] = MODES,
     changes: Mapping[Mode, Mapping[str, Any]] = MappingProxyType({}),
-) -> Page:
+) -> rs.Page:
     """Deblur `photo` in each mode, write the pictures into the folder of `target` and return the results.
 
     `changes` holds fields of `options` that differ in a mode.
@@ -124,48 +115,41 @@ def compare_modes(
     # Options that a mode does not take are refused before the first mode is solved.
     each_mode = {mode: _options.changed(ready.options, mode=mode, **changes.get(mode, {})) for mode in modes}
 
-    from rsdeblur.cli._measure import similarity
-    from rsdeblur.report import Page
-
     shown = {"input": display_values(picture.pixels, transfer)}
     report: dict[str, Any] = {"photo": str(photo), "size_px": list(picture.pixels.shape[1::-1])}
     report |= moment_facts(recording, ready.inputs)
     if sharp is not None:
-        report |= {"truth": str(truth), "blurred": similarity(shown["input"], sharp)}
+        report |= {"truth": str(truth), "blurred": rs.similarity(shown["input"], sharp)}
     report["modes"] = {}
-    compared = Page(report, *ready.inputs, shown, {}, transfer)
+    compared = rs.Page(report, *ready.inputs, shown, {}, transfer)
     compared = _solve(ready, compared, each_mode, target)
     if sharp is not None:
         for mode in modes:
-            report["modes"][mode] |= similarity(shown[mode], sharp)
+            report["modes"][mode] |= rs.similarity(shown[mode], sharp)
         shown["truth"] = sharp
     _draw(target, shown, compared.banks, report["modes"])
     return compared
 
 
-def _solve(ready: Prepared, compared: Page, each_mode: Mapping[Mode, Options], target: Target) -> Page:
+def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options], target: Target) -> rs.Page:
     """Deblur and write the picture in each mode, and return the comparison with the results."""
-    from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, stopwatch
-    from rsdeblur.io.picture_output import write_picture
-    from rsdeblur.pipeline.plan import Plan
-
     picture, recorded = ready.inputs.picture, None
     with progress("plan") as move, ready.naming:
         planned = ready.plan(move, next(iter(each_mode.values())))
     if planned.refinement is not None:
         compared.report["refinement"] = refinement_facts(planned.refinement)
         recorded = ready.kernels()[0] if planned.refinement.accepted else None
-    banks: dict[str, PsfBank] = {}
+    banks: dict[str, rs.PsfBank] = {}
     unseen = 0.0
     names = output_names(Path(compared.report["photo"]), list(each_mode))
     for (mode, chosen), name in zip(each_mode.items(), names, strict=False):
         chosen = replace(chosen, translation=planned.options.translation, refine=False)
-        forget_peak_memory()
-        with stopwatch() as watch, progress(mode) as move, ready.naming:
+        rs.forget_peak_memory()
+        with rs.stopwatch() as watch, progress(mode) as move, ready.naming:
             # A plan of its own, so that the memory of a mode does not contain the solver of another one.
-            result = Plan(planned.frame, planned.capture, chosen).apply(picture.pixels, progress=move)
-        memory = peak_memory_mib()
-        write_picture(target.output / name, result.image, like=picture, force=target.force)
+            result = rs.Plan(planned.frame, planned.capture, chosen).apply(picture.pixels, progress=move)
+        memory = rs.peak_memory_mib()
+        rs.write_picture(target.output / name, result.image, like=picture, force=target.force)
         compared.shown[mode], banks[mode] = display_values(result.image, compared.transfer), result.psfs
         facts = facts_of(result, target.output / name, mode, chosen.prior_name, watch.seconds)
         compared.report["modes"][mode] = facts | {"peak_memory_mib": memory}
@@ -173,10 +157,8 @@ def _solve(ready: Prepared, compared: Page, each_mode: Mapping[Mode, Options], t
     return compared._replace(banks=banks, unseen=unseen, recorded=recorded)
 
 
-def _read_truth(truth: Path, photo: Path, picture: Picture, transfer: Transfer | Auto) -> NDArray[Any]:
-    from rsdeblur.io.pictures import read_picture
-
-    sharp = read_picture(truth)
+def _read_truth(truth: Path, photo: Path, picture: rs.Picture, transfer: Transfer | Auto) -> rs.NDArray[Any]:
+    sharp = rs.read_picture(truth)
     if sharp.pixels.shape != picture.pixels.shape:
         raise InputError(
             f"{truth}: the true picture has shape {sharp.pixels.shape}, but {photo} has {picture.pixels.shape}; "
@@ -185,18 +167,17 @@ def _read_truth(truth: Path, photo: Path, picture: Picture, transfer: Transfer |
     return display_values(sharp.pixels, transfer_of(sharp, transfer))
 
 
-def _draw(target: Target, shown: dict[str, NDArray[Any]], banks: Mapping[str, PsfBank], modes: dict[str, Any]) -> None:
-    from rsdeblur.io.picture_output import write_picture
-    from rsdeblur.report import psf_map, side_by_side
-
+def _draw(
+    target: Target, shown: dict[str, rs.NDArray[Any]], banks: Mapping[str, rs.PsfBank], modes: dict[str, Any]
+) -> None:
     labels = {
         mode: "global, one PSF" if mode == "global" else f"{mode}, {facts['bands']} x {facts['strips']} PSFs"
         for mode, facts in modes.items()
     }
     panels = {labels.get(name, name): values for name, values in shown.items()}
-    write_picture(target.output / SHEET, side_by_side(panels), force=target.force)
-    drawing = psf_map(list(banks.values())[-1], shown["input"].shape, picture=shown["input"])
-    write_picture(target.output / MAP, drawing, force=target.force)
+    rs.write_picture(target.output / SHEET, rs.side_by_side(panels), force=target.force)
+    drawing = rs.psf_map(list(banks.values())[-1], shown["input"].shape, picture=shown["input"])
+    rs.write_picture(target.output / MAP, drawing, force=target.force)
 
 
 def print_report(report: dict[str, Any]) -> None:

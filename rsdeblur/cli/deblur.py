@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -18,9 +18,7 @@ from rsdeblur.cli._output import attempt, exit_if_failed, print_json, progress, 
 from rsdeblur.cli._photo import PhotoJob, check_sources, deblur_photo, remarks, summary
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import OutputError
-
-if TYPE_CHECKING:
-    from rsdeblur.pipeline.options import Options
+from rsdeblur.pipeline.options import Options
 
 EXAMPLES = """\b
 Examples:

@@ -8,24 +8,19 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import click
 
+from rsdeblur._util.atomic import atomic_write
 from rsdeblur.choices import Mode
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._options import Command, Recording, Target, option
 from rsdeblur.cli._output import prepare_folder, print_json, progress, say, write_json
 from rsdeblur.cli._types import SIZE
 from rsdeblur.cli.compare import compare_modes, output_names, print_report
 from rsdeblur.pipeline.options import Options
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rsdeblur.motion.camera import Camera
-    from rsdeblur.motion.exposure import Exposure
-    from rsdeblur.motion.gyro import GyroLog
 
 FOCAL = 1.1  # picture widths: a phone's main camera sees about 50 degrees
 FOCAL35 = 26  # mm, of the photos of a camera app
@@ -138,45 +133,35 @@ def command(size: tuple[int, int], seed: int, kind: str | None, target: Target) 
 
 def _check_size(kind: str, size: tuple[int, int], seed: int) -> None:
     """Refuse a size that the scene, the video or the simulated blur does not allow, before anything is written."""
-    from rsdeblur.motion.arguments import is_held
-    from rsdeblur.motion.paths import Capture
-    from rsdeblur.simulation.scene import MOST_PIXELS
-
     width, height = size
     margin = round(MARGIN * max(size))
     problem = None
     if min(size) < LEAST_SIDE:
         problem = f"the sides must be at least {LEAST_SIDE} px"
-    elif (width + 2 * margin) * (height + 2 * margin) > MOST_PIXELS:
-        problem = f"the scene may have {MOST_PIXELS} px at most, with a margin of {margin} px; use a smaller size"
+    elif (width + 2 * margin) * (height + 2 * margin) > rs.MOST_PIXELS:
+        problem = f"the scene may have {rs.MOST_PIXELS} px at most, with a margin of {margin} px; use a smaller size"
     elif kind == "video" and (width % 2 or height % 2):
         problem = "the sides of a video must be even"
     else:
         log, camera, exposures = simulated(kind, size, seed)
-        if not all(is_held(Capture.from_log(log, camera, exposure)) for exposure in exposures):
+        if not all(rs.is_held(rs.Capture.from_log(log, camera, exposure)) for exposure in exposures):
             problem = "the simulated blur is larger than so narrow a picture can hold; use a shape nearer to 4:3"
     if problem:
         raise click.UsageError(f"--size {width}x{height}: {problem}")
 
 
-def simulated(kind: str, size: tuple[int, int], seed: int) -> tuple[GyroLog, Camera, list[Exposure]]:
+def simulated(kind: str, size: tuple[int, int], seed: int) -> tuple[rs.GyroLog, rs.Camera, list[rs.Exposure]]:
     """Return the simulated log, the camera and the exposures."""
-    from rsdeblur.io.exif import FILM_DIAGONAL
-    from rsdeblur.motion.camera import Camera
-    from rsdeblur.motion.exposure import Exposure
-    from rsdeblur.motion.gyro import GyroLog
-    from rsdeblur.simulation.shake import hand_shake
-
     (width, height), session = size, KINDS[kind]
     times = [session.start + float(i * session.interval) for i in range(session.frames)]
-    exposures = [Exposure(0.0, float(session.duration), session.epoch_ns + round(1e9 * time)) for time in times]
+    exposures = [rs.Exposure(0.0, float(session.duration), session.epoch_ns + round(1e9 * time)) for time in times]
     length = 2 * session.start + float(session.frames * session.interval)
-    shake = hand_shake(length, strength=session.strength, seed=seed)
-    focal = FOCAL35 / FILM_DIAGONAL * math.hypot(width, height) if kind == "stock-camera" else FOCAL * width
+    shake = rs.hand_shake(length, strength=session.strength, seed=seed)
+    focal = FOCAL35 / rs.FILM_DIAGONAL * math.hypot(width, height) if kind == "stock-camera" else FOCAL * width
     # The apps log in phone axes.
     axes: dict[str, Any] = {} if kind == "capture" else {"imu_to_camera": "phone-landscape"}
-    camera = Camera(width, height, focal, readout_time=session.readout, **axes)
-    return GyroLog(shake.t, shake.omega, session.epoch_ns), camera, exposures
+    camera = rs.Camera(width, height, focal, readout_time=session.readout, **axes)
+    return rs.GyroLog(shake.t, shake.omega, session.epoch_ns), camera, exposures
 
 
 def session_files(kind: str) -> list[str]:
@@ -197,24 +182,18 @@ def _session_command(kind: str, folder: Path) -> list[str]:
     return ["video", str(folder / MOVIE), *sources, "-o", f"{folder}-sharp.mp4"]
 
 
-def _scene(size: tuple[int, int], seed: int) -> NDArray[Any]:
-    from rsdeblur.simulation.scene import scene
-
+def _scene(size: tuple[int, int], seed: int) -> rs.NDArray[Any]:
     margin = round(MARGIN * max(size))
-    return scene(size[1] + 2 * margin, size[0] + 2 * margin, seed=seed)
+    return rs.scene(size[1] + 2 * margin, size[0] + 2 * margin, seed=seed)
 
 
 def _write_capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> None:
     """Simulate the capture, and write the files that a user would have and the truth."""
-    from rsdeblur.image.transfer import from_linear
-    from rsdeblur.io.picture_output import write_picture
-    from rsdeblur.simulation.simulate import simulate
-
     log, camera, (exposure,) = simulated("capture", size, seed)
-    taken = simulate(_scene(size, seed), log, camera, exposure, noise=KINDS["capture"].noise, seed=seed)
+    taken = rs.simulate(_scene(size, seed), log, camera, exposure, noise=KINDS["capture"].noise, seed=seed)
     pictures: dict[str, Any] = {"sharp": taken.rectified, "rolling": taken.rolling, "blurred": taken.blurred}
     for name, light in pictures.items():
-        write_picture(output / f"{name}.png", from_linear(light.clip(0.0, 1.0), "srgb"), force=force)
+        rs.write_picture(output / f"{name}.png", rs.from_linear(light.clip(0.0, 1.0), "srgb"), force=force)
     camera.save(output / CAMERA)
     _write_log(output / "gyro.csv", log, "t,wx,wy,wz", "{s:.9f},{x:.9f},{y:.9f},{z:.9f}")
 
@@ -224,9 +203,6 @@ def write_session(kind: str, size: tuple[int, int], seed: int, folder: Path, *, 
 
     They are those of MARS logger with a camera file, or photos with EXIF blocks and a log of Sensor Logger.
     """
-    from rsdeblur.io.picture_output import write_picture
-    from rsdeblur.io.pictures import Picture
-
     session, stock = KINDS[kind], kind == "stock-camera"
     if kind == "video":
         import rsdeblur.video._av  # noqa: F401  refuses a missing extra before the work
@@ -234,8 +210,8 @@ def write_session(kind: str, size: tuple[int, int], seed: int, folder: Path, *, 
     frames = _frames(kind, size, seed)
     if session.photos:
         for name, frame, exposure in zip(session.photos, frames, exposures, strict=True):
-            like = Picture(frame, _exif(exposure)) if stock else None
-            write_picture(folder / name, frame, like=like, bits=8, force=force)
+            like = rs.Picture(frame, _exif(exposure)) if stock else None
+            rs.write_picture(folder / name, frame, like=like, bits=8, force=force)
     else:
         _write_movie(folder / MOVIE, frames, size, session.interval)
     if stock:
@@ -252,7 +228,7 @@ def write_session(kind: str, size: tuple[int, int], seed: int, folder: Path, *, 
     _write_lines(folder / CAPTURES, [header, *rows])
 
 
-def _exif(exposure: Exposure) -> bytes:
+def _exif(exposure: rs.Exposure) -> bytes:
     """Return the EXIF block of a camera app."""
     from PIL import Image
     from PIL.ExifTags import IFD, Base
@@ -272,17 +248,14 @@ def _exif(exposure: Exposure) -> bytes:
     return block.tobytes()
 
 
-def _frames(kind: str, size: tuple[int, int], seed: int) -> Iterator[NDArray[Any]]:
+def _frames(kind: str, size: tuple[int, int], seed: int) -> Iterator[rs.NDArray[Any]]:
     """Yield the frames as display values in [0, 1]."""
-    from rsdeblur.image.transfer import from_linear
-    from rsdeblur.simulation.clip import simulate_clip
-
     inputs = simulated(kind, size, seed)
-    for frame in simulate_clip(_scene(size, seed), *inputs, noise=KINDS[kind].noise, seed=seed, samples=16):
-        yield from_linear(frame.clip(0.0, 1.0), "srgb")
+    for frame in rs.simulate_clip(_scene(size, seed), *inputs, noise=KINDS[kind].noise, seed=seed, samples=16):
+        yield rs.from_linear(frame.clip(0.0, 1.0), "srgb")
 
 
-def _write_log(path: Path, log: GyroLog, header: str, row: str) -> None:
+def _write_log(path: Path, log: rs.GyroLog, header: str, row: str) -> None:
     """Write a line for each sample; `row` contains the time `t` in ns, the seconds `s` from the start, x, y and z."""
     lines = [header]
     for s, (x, y, z) in zip(log.t.tolist(), log.omega.tolist(), strict=True):
@@ -291,23 +264,18 @@ def _write_log(path: Path, log: GyroLog, header: str, row: str) -> None:
 
 
 def _write_lines(path: Path, lines: Sequence[str]) -> None:
-    from rsdeblur._util.atomic import atomic_write
-
     with atomic_write(path) as file:
         file.writelines(f"{line}\n".encode() for line in lines)
 
 
-def _write_movie(path: Path, frames: Iterable[NDArray[Any]], size: tuple[int, int], interval: Fraction) -> None:
+def _write_movie(path: Path, frames: Iterable[rs.NDArray[Any]], size: tuple[int, int], interval: Fraction) -> None:
     """Encode display values as H.264 with one frame per `interval`."""
     import numpy as np
 
-    from rsdeblur._util.atomic import atomic_write
-    from rsdeblur.video._av import av
-
-    with atomic_write(path) as file, av.open(file, "w", format="mp4") as container:
+    with atomic_write(path) as file, rs.av.open(file, "w", format="mp4") as container:
         stream: Any = container.add_stream("libx264", rate=1 / interval, options={"crf": "12"})
         stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
         for values in frames:
-            frame = av.VideoFrame.from_ndarray(np.rint(65535 * values).astype(np.uint16), format="rgb48le")
+            frame = rs.av.VideoFrame.from_ndarray(np.rint(65535 * values).astype(np.uint16), format="rgb48le")
             container.mux(stream.encode(frame))
         container.mux(stream.encode())

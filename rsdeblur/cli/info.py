@@ -8,20 +8,17 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._log import accelerometer
 from rsdeblur.cli._options import READING, Command, Recording
 from rsdeblur.cli._output import print_json, say
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import CoverageError, FileFormatError, RsdeblurWarning
-
-if TYPE_CHECKING:
-    from rsdeblur.io.camera_file import CameraFile
-    from rsdeblur.motion.camera import Camera
 
 EXAMPLES = """\b
 Examples:
@@ -87,14 +84,12 @@ def _entries(files: tuple[Path, ...], recording: Recording) -> Iterator[dict[str
 
 
 def _coverage(recording: Recording, capture: Path, reading: dict[str, Any]) -> list[dict[str, Any]]:
-    from rsdeblur.io import read_camera, read_captures, read_gyro
-
-    log, camera = read_gyro(recording.gyro, **reading), read_camera(recording.camera)
+    log, camera = rs.read_gyro(recording.gyro, **reading), rs.read_camera(recording.camera)
     if recording.time_offset is not None:
         camera = replace(camera, time_offset=recording.time_offset)
     acceleration = accelerometer(recording.gyro)
     report = []
-    for exposure in read_captures(capture, duration=recording.duration):
+    for exposure in rs.read_captures(capture, duration=recording.duration):
         opens, closes = exposure.span(camera)
         try:
             log.covering(opens - camera.time_offset, closes - camera.time_offset, exposure.epoch_ns)
@@ -110,24 +105,15 @@ def _coverage(recording: Recording, capture: Path, reading: dict[str, Any]) -> l
 
 def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     """Return the kind and the contents of a file; `reading` are the options for reading a gyro log."""
-    from rsdeblur.io.archives import is_archive
-    from rsdeblur.io.cameras import detect_camera_format
-    from rsdeblur.io.captures import FORMATS, WHAT
-    from rsdeblur.io.clocks import is_clocks
-    from rsdeblur.io.gyro_logs import detect_gyro_format
-    from rsdeblur.io.picture_output import KINDS
-    from rsdeblur.io.pictures import is_picture
-    from rsdeblur.io.source import Source
-
-    source = Source(path, WHAT)
+    source = rs.Source(path, rs.WHAT)
     # By its extension too, so that the error of a damaged picture is about a picture.
-    if is_picture(source) or path.suffix.lower() in KINDS:
+    if rs.is_picture(source) or path.suffix.lower() in rs.KINDS:
         return describe_picture(path)
     if reading["format"]:
         return describe_gyro(path, reading)
-    if is_clocks(source):
+    if rs.is_clocks(source):
         return describe_clocks(path)
-    for detect, describe_kind in ((detect_camera_format, describe_camera), (detect_gyro_format, describe_gyro)):
+    for detect, describe_kind in ((rs.detect_camera_format, describe_camera), (rs.detect_gyro_format, describe_gyro)):
         try:
             format = detect(path)
         except FileFormatError:
@@ -142,33 +128,28 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
         trajectory = describe_trajectory(path)
         if trajectory["orientations"]:
             return trajectory
-    if any(each.fits(source) for each in FORMATS):
+    if any(each.fits(source) for each in rs.FORMATS):
         return describe_captures(path)
     try:
         # Logs are the commonest tables, and archives contain nothing else, so this error is the most likely to help.
         return describe_gyro(path, reading)
     except FileFormatError as error:
-        if is_archive(source):
+        if rs.is_archive(source):
             raise
         raise FileFormatError(f"{error}; it is not a camera file, a capture file or a picture either") from error
 
 
 def _is_lens_profile(path: Path) -> bool:
-    from rsdeblur.io.gyroflow import is_profile
-    from rsdeblur.io.source import Source
-
-    return is_profile(Source(path, "lens profile").json)
+    return rs.is_profile(rs.Source(path, "lens profile").json)
 
 
 def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     """Return the properties of a gyro log."""
     import numpy as np
 
-    from rsdeblur.io import open_gyro
-
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RsdeblurWarning)
-        file = open_gyro(path, **reading)
+        file = rs.open_gyro(path, **reading)
     log = file.log
     return {
         "kind": "gyro log",
@@ -202,9 +183,7 @@ def describe_trajectory(path: Path) -> dict[str, Any]:
     """Return the properties of a trajectory."""
     import numpy as np
 
-    from rsdeblur.io import read_trajectory
-
-    track = read_trajectory(path)
+    track = rs.read_trajectory(path)
     return {
         "kind": "trajectory",
         "poses": len(track.t),
@@ -217,9 +196,7 @@ def describe_trajectory(path: Path) -> dict[str, Any]:
 
 def describe_clocks(path: Path) -> dict[str, Any]:
     """Return the differences between the clocks of a session."""
-    from rsdeblur.io.clocks import read_clocks
-
-    clocks = read_clocks(path)
+    clocks = rs.read_clocks(path)
     return {
         "kind": "clocks of a session",
         "camera_clock": clocks.source,
@@ -230,12 +207,10 @@ def describe_clocks(path: Path) -> dict[str, Any]:
 
 def describe_camera(path: Path, reading: dict[str, Any] | None = None) -> dict[str, Any]:
     """Return the contents of a camera file."""
-    from rsdeblur.io import open_camera
-
-    return camera_facts(open_camera(path))
+    return camera_facts(rs.open_camera(path))
 
 
-def camera_facts(file: CameraFile) -> dict[str, Any]:
+def camera_facts(file: rs.CameraFile) -> dict[str, Any]:
     """Return the properties of a camera and of its file."""
     camera = file.camera
     return {
@@ -257,20 +232,16 @@ def camera_facts(file: CameraFile) -> dict[str, Any]:
     }
 
 
-def _preset_of(camera: Camera) -> str | None:
+def _preset_of(camera: rs.Camera) -> str | None:
     import numpy as np
 
-    from rsdeblur.motion.axes import PRESETS, imu_to_camera
-
-    fits = [name for name in PRESETS if np.allclose(camera.imu_to_camera, imu_to_camera(name), atol=1e-9)]
+    fits = [name for name in rs.PRESETS if np.allclose(camera.imu_to_camera, rs.imu_to_camera(name), atol=1e-9)]
     return " or ".join(fits) or None
 
 
 def describe_captures(path: Path) -> dict[str, Any]:
     """Return the exposures in a capture file."""
-    from rsdeblur.io.captures import open_captures
-
-    file = open_captures(path)
+    file = rs.open_captures(path)
     exposures = [
         {"start_ns": timestamp} | ({} if duration is None else {"duration_s": duration})
         for timestamp, duration in zip(file.timestamps, file.durations, strict=True)
@@ -280,26 +251,21 @@ def describe_captures(path: Path) -> dict[str, Any]:
 
 def describe_picture(path: Path) -> dict[str, Any]:
     """Return the properties of a picture, and of the gyro data in its file."""
-    from rsdeblur.io.exif import MAKE, MODEL, Exif, shown_time
-    from rsdeblur.io.gyro_binary import trailer_of
-    from rsdeblur.io.pictures import read_picture
-    from rsdeblur.io.source import Source
-
-    picture = read_picture(path)
-    exif = Exif(picture.exif)
+    picture = rs.read_picture(path)
+    exif = rs.Exif(picture.exif)
     height, width = picture.pixels.shape[:2]
     facts = {
         "kind": "picture",
         "size_px": [width, height],
         "channels": 1 if picture.pixels.ndim == 2 else picture.pixels.shape[2],
         "values": f"{picture.pixels.dtype}, {picture.transfer}",
-        "exif_camera": " ".join(filter(None, (exif.text(MAKE), exif.text(MODEL)))) or None,
+        "exif_camera": " ".join(filter(None, (exif.text(rs.MAKE), exif.text(rs.MODEL)))) or None,
         "exif_exposure_s": exif.exposure,
-        "exif_time": shown_time(exif),
+        "exif_time": rs.shown_time(exif),
         "exif_orientation": exif.orientation,
         "icc_profile": picture.icc_profile is not None,
     }
-    if trailer_of(Source(path, "picture")) is None:
+    if rs.trailer_of(rs.Source(path, "picture")) is None:
         return facts
     gyro = describe_gyro(path, {"format": "gyrodata"})
     return facts | {"gyro": {key: gyro[key] for key in ("samples", "rate_hz", "epoch_ns", "capture_ns")}}

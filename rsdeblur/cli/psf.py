@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, transfer_of
 from rsdeblur.cli._options import Command, Recording, Target, option
 from rsdeblur.cli._output import check_output, print_json, progress, say
 from rsdeblur.cli._photo import prepare
 from rsdeblur.cli._types import PATH
-
-if TYPE_CHECKING:
-    from rsdeblur.pipeline.options import Options
+from rsdeblur.pipeline.options import Options
 
 EXAMPLES = """\b
 Examples:
@@ -35,12 +33,9 @@ def command(recording: Recording, options: Options, photo: Path | None, bank: Pa
 
     `deblur` undoes the same kernels. The automatic numbers of tiles depend on --nsr; auto means 0.01 here.
     """
-    from rsdeblur.io.picture_output import check_writable, write_picture
-    from rsdeblur.report import psf_map
-
     output: Path | None = target.output
     if output is not None:
-        check_writable(output, force=target.force)
+        rs.check_writable(output, force=target.force)
     if bank is not None:
         check_output(bank, force=target.force, suffixes=(".npz",), kind="a bank of kernels is an NPZ file")
     ready = prepare(photo, recording, options)
@@ -50,8 +45,8 @@ def command(recording: Recording, options: Options, photo: Path | None, bank: Pa
         if output is not None:
             with ready.naming:
                 under = None if photo is None else display_values(picture.pixels, transfer_of(picture, "auto"))
-                drawing = psf_map(kernels, (camera.height, camera.width), picture=under)
-            write_picture(output, drawing, force=target.force)
+                drawing = rs.psf_map(kernels, (camera.height, camera.width), picture=under)
+            rs.write_picture(output, drawing, force=target.force)
     if bank is not None:
         kernels.save(bank)
     bands, strips = paths.lengths.shape

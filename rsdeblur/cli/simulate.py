@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+from rsdeblur.choices import Auto, Transfer
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of
 from rsdeblur.cli._options import MANY, Command, Recording, Target, option
 from rsdeblur.cli._output import prepare_folder, print_json, progress, say
 from rsdeblur.cli._types import NOT_NEGATIVE, PATH
-
-if TYPE_CHECKING:
-    from rsdeblur.choices import Auto, Transfer
 
 EXAMPLES = """\b
 Examples:
@@ -57,19 +55,14 @@ def command(
     prepare_folder(target.output, [path.name for path in paths], force=target.force)
     picture, log, camera, exposure = read_inputs(sharp, recording, is_scene=True)
 
-    from rsdeblur.image.encoded import as_float
-    from rsdeblur.image.transfer import from_linear, to_linear
-    from rsdeblur.io.picture_output import write_picture
-    from rsdeblur.simulation.simulate import simulate
-
     encoding = transfer_of(picture, transfer)
     # PNG files are for display, so linear light is encoded.
     written: Transfer = "srgb" if encoding == "linear" else encoding
-    light = to_linear(as_float(picture.pixels), encoding)
+    light = rs.to_linear(rs.as_float(picture.pixels), encoding)
     with progress("simulate"), naming(sharp, recording):
-        pictures = simulate(light, log, camera, exposure, noise=noise, seed=seed)
+        pictures = rs.simulate(light, log, camera, exposure, noise=noise, seed=seed)
     for path, values in zip(paths, pictures, strict=True):
-        write_picture(path, from_linear(values.clip(0.0, 1.0), written), bits=int(bits), force=target.force)
+        rs.write_picture(path, rs.from_linear(values.clip(0.0, 1.0), written), bits=int(bits), force=target.force)
     if target.as_json:
         print_json({"outputs": [str(path) for path in paths], "size_px": [camera.width, camera.height]})
     else:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from rsdeblur.choices import Auto, Transfer
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import checked_offset, naming, read_inputs, recordings_of, transfer_of
 from rsdeblur.cli._options import MANY, Command, Recording, option
 from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.cli._types import PATH, SECONDS
-
-if TYPE_CHECKING:
-    from rsdeblur.choices import Auto, Transfer
-    from rsdeblur.estimate.time_offset import OffsetSearch
 
 # Shifts to try, s.
 SEARCH = (-0.06, 0.06)
@@ -56,10 +54,6 @@ def command(
     motion that changes; or that the photos disagree. The moments of several photos come from --capture, by the
     timestamps or frame numbers in their names.
     """
-    from rsdeblur.estimate.time_offset import find_time_offset
-    from rsdeblur.io.cameras import check_editable, write_time_offset
-    from rsdeblur.io.exif import EXIF_ERROR
-
     from_exif = recording.start == "exif"
     if from_exif and len(photos) > 1:
         raise click.UsageError("--start exif: times in EXIF differ from photo to photo; give one photo")
@@ -67,15 +61,15 @@ def command(
         raise click.UsageError(f"--from {1e3 * first:g}ms must be less than --to {1e3 * last:g}ms")
     if write:
         # Before the search: the file may be of a kind that has no place for the offset.
-        check_editable(recording.camera)
-    usual = EXIF_ERROR if from_exif else SEARCH
+        rs.check_editable(recording.camera)
+    usual = rs.EXIF_ERROR if from_exif else SEARCH
     pairs = zip(photos, recordings_of(photos, recording, numbered_from), strict=True)
     inputs = [read_inputs(photo, each) for photo, each in pairs]
     transfers = sorted({str(transfer_of(each.picture, transfer)) for each in inputs})
     if len(transfers) > 1:
         raise click.UsageError(f"the photos encode light differently ({', '.join(transfers)}); give --transfer")
     with progress("sync") as move, naming(photos[0] if len(photos) == 1 else None, recording):
-        found = find_time_offset(
+        found = rs.find_time_offset(
             [each.picture.pixels for each in inputs],
             *(inputs[0].log, inputs[0].camera, [each.exposure for each in inputs]),
             search=(usual[0] if first is None else first, usual[1] if last is None else last),
@@ -84,7 +78,7 @@ def command(
         )
     is_written = write and found.time_offset is not None
     if is_written and found.time_offset is not None:
-        write_time_offset(recording.camera, found.time_offset)
+        rs.write_time_offset(recording.camera, found.time_offset)
     if as_json:
         print_json(_facts(found) | {"written": str(recording.camera) if is_written else None})
     offset = checked_offset(found, photos)
@@ -93,7 +87,7 @@ def command(
         say(f"time offset {1e3 * offset:.1f} ms (+- {1e3 * found.sd:.1f}){place}")
 
 
-def _facts(found: OffsetSearch) -> dict[str, Any]:
+def _facts(found: rs.OffsetSearch) -> dict[str, Any]:
     """Return the facts about an offset."""
     return {
         "time_offset_s": found.time_offset,

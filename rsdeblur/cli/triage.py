@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import click
 
+from rsdeblur._util.atomic import atomic_write
 from rsdeblur.choices import DROP, KEEP
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
 from rsdeblur.cli._items import read_items
@@ -17,12 +19,6 @@ from rsdeblur.cli._options import FOR_PHOTOS, MANY, Command, Recording, Target, 
 from rsdeblur.cli._output import FAILURES, prepare_folder, print_json, progress, reason, say, write_json, write_table
 from rsdeblur.cli._types import NOT_NEGATIVE, PATH
 from rsdeblur.errors import InputError
-
-if TYPE_CHECKING:
-    from rsdeblur.motion.camera import Camera
-    from rsdeblur.motion.exposure import Exposure
-    from rsdeblur.motion.gyro import GyroLog
-    from rsdeblur.motion.triage import Triage
 
 TABLE, REPORT, PLOT = "triage.csv", "triage.json", "triage.svg"
 MANIFESTS = (".csv", ".txt")
@@ -39,7 +35,7 @@ class _Shot(NamedTuple):
     """One photo or frame: its name, and its recording or the reason why that is unknown."""
 
     name: dict[str, Any]
-    recording: tuple[GyroLog, Camera, Exposure] | None
+    recording: tuple[rs.GyroLog, rs.Camera, rs.Exposure] | None
     reason: str | None = None
 
 
@@ -84,13 +80,9 @@ def command(
         prepare_folder(output, [TABLE, REPORT, PLOT], force=target.force)
     import numpy as np
 
-    from rsdeblur._util.atomic import atomic_write
-    from rsdeblur.motion.triage import Triage, blur_of, check_thresholds
-    from rsdeblur.report.timeline import timeline_svg
-
     if drop < keep:
         raise click.UsageError("--drop must be at least --keep", ctx=click.get_current_context())
-    check_thresholds(keep, drop)
+    rs.check_thresholds(keep, drop)
     is_clip = source.is_file() and source.suffix.lower() not in MANIFESTS
     if is_clip:
         moment = recording.start if recording.start == "exif" else None
@@ -103,10 +95,10 @@ def command(
     with progress("triage") as move:
         blurs: list[tuple[float, str | None]] = []
         for i, shot in enumerate(shots):
-            blurs.append((math.nan, shot.reason) if shot.recording is None else blur_of(*shot.recording))
+            blurs.append((math.nan, shot.reason) if shot.recording is None else rs.blur_of(*shot.recording))
             if move is not None:
                 move(f"{i + 1} of {len(shots)}", (i + 1) / len(shots))
-    judged = Triage(np.array([length for length, _ in blurs]), tuple(reason for _, reason in blurs), keep, drop)
+    judged = rs.Triage(np.array([length for length, _ in blurs]), tuple(reason for _, reason in blurs), keep, drop)
     times = _times(shots)
     entries = _entries(shots, times, judged)
     report = {"keep_px": keep, "drop_px": drop, "counts": judged.counts, "items": entries}
@@ -114,7 +106,7 @@ def command(
         write_table(output / TABLE, list(dict.fromkeys(name for entry in entries for name in entry)), entries)
         write_json(output / REPORT, report)
         with atomic_write(output / PLOT) as file:
-            file.write(timeline_svg(times, judged))
+            file.write(rs.timeline_svg(times, judged))
     if target.as_json:
         print_json(report)
     else:
@@ -126,11 +118,9 @@ def command(
 
 def _frames(source: Path, recording: Recording) -> list[_Shot]:
     """Return the frames of a video; only their timestamps are read."""
-    from rsdeblur.video.clip import open_clip
-
     require(recording, "gyro", "camera")
     log, camera = read_device(recording)
-    exposures = clip_exposures(open_clip(source), recording)
+    exposures = clip_exposures(rs.open_clip(source), recording)
     return [_Shot({"frame": i}, (log, camera, exposure)) for i, exposure in enumerate(exposures)]
 
 
@@ -157,7 +147,7 @@ def _times(shots: Sequence[_Shot]) -> list[float | None]:
     return [None if timestamp is None else 1e-9 * (timestamp - first) for timestamp in timestamps]
 
 
-def _entries(shots: Sequence[_Shot], times: Sequence[float | None], judged: Triage) -> list[dict[str, Any]]:
+def _entries(shots: Sequence[_Shot], times: Sequence[float | None], judged: rs.Triage) -> list[dict[str, Any]]:
     columns = zip(shots, times, judged.lengths.tolist(), judged.decisions, judged.reasons, strict=True)
     return [
         {
@@ -171,7 +161,7 @@ def _entries(shots: Sequence[_Shot], times: Sequence[float | None], judged: Tria
     ]
 
 
-def _print(source: Path, judged: Triage, output: Path | None) -> None:
+def _print(source: Path, judged: rs.Triage, output: Path | None) -> None:
     import numpy as np
 
     counts = ", ".join(f"{count} {decision}" for decision, count in judged.counts.items() if count)

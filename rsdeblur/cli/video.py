@@ -7,11 +7,13 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from rsdeblur._util.atomic import check_target
 from rsdeblur.choices import CRF, KEEP
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import clip_exposures, naming, read_device, warn_of_clip_gravity
 from rsdeblur.cli._options import CLIP, OUTPUT, SOLVE, Command, Recording, Target, option
@@ -19,12 +21,8 @@ from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.cli._photo import refinement_facts, remarks
 from rsdeblur.cli._types import NOT_NEGATIVE, PATH
 from rsdeblur.errors import RsdeblurWarning
+from rsdeblur.pipeline.options import Options
 from rsdeblur.video import QUALITY
-
-if TYPE_CHECKING:
-    from rsdeblur.pipeline.options import Options
-    from rsdeblur.video.encode import Encoding
-    from rsdeblur.video.plan import ClipPlan
 
 # Options that would make a video flicker, or are for single pictures.
 FOR_PICTURES = ("max_memory", "fallback", "normalize", "saturation")
@@ -77,33 +75,27 @@ def command(
     --capture, or from the timestamps in the video, counted from --start. Frames that the log does not cover are kept as
     they are.
     """
-    from rsdeblur._util import memory
-    from rsdeblur._util.atomic import check_target
-    from rsdeblur.video.clip import open_clip
-    from rsdeblur.video.encode import Encoding, check_output, container_of, deblur_video, estimated_seconds
-    from rsdeblur.video.plan import plan_clip
-
     begin = time.perf_counter()
     output = target.output
     check_target(output, force=target.force)
-    container_of(output)
-    memory.keep()
+    rs.container_of(output)
+    rs.keep()
     log, camera = read_device(recording)
     with progress("video") as move, naming(source, recording):
-        clip = open_clip(source)
+        clip = rs.open_clip(source)
         exposures = clip_exposures(clip, recording)
         warn_of_clip_gravity(clip, recording, camera, exposures)
-        encoding = Encoding.like(clip, codec=codec, crf=crf)
-        check_output(clip, encoding, output, force=target.force)
+        encoding = rs.Encoding.like(clip, codec=codec, crf=crf)
+        rs.check_output(clip, encoding, output, force=target.force)
         jobs, threads = _options.shared_threads(jobs, options.threads, tasks=len(clip))
-        plan = plan_clip(clip, log, camera, exposures, options, above=above, progress=move)
+        plan = rs.plan_clip(clip, log, camera, exposures, options, above=above, progress=move)
         plan = replace(plan, options=replace(plan.options, threads=threads))
         facts = _facts(plan, encoding, output)
         _warn(source, plan.reasons)
         if target.dry_run:
-            facts |= {"estimated_s": estimated_seconds(plan, encoding, jobs=jobs)}
+            facts |= {"estimated_s": rs.estimated_seconds(plan, encoding, jobs=jobs)}
         else:
-            result = deblur_video(plan, output, encoding=encoding, jobs=jobs, force=target.force, progress=move)
+            result = rs.deblur_video(plan, output, encoding=encoding, jobs=jobs, force=target.force, progress=move)
             facts |= asdict(result) | {"seconds": time.perf_counter() - begin}
     if target.as_json:
         print_json(facts | {"dry_run": target.dry_run})
@@ -111,7 +103,7 @@ def command(
         _print(source, output, facts, target.dry_run)
 
 
-def _facts(plan: ClipPlan, encoding: Encoding, output: Path) -> dict[str, Any]:
+def _facts(plan: rs.ClipPlan, encoding: rs.Encoding, output: Path) -> dict[str, Any]:
     clip, (tall, wide) = plan.clip, plan.psf_size
     return {
         "output": str(output),

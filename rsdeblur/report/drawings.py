@@ -65,46 +65,6 @@ def _to_width(image: Image.Image, width: int) -> Image.Image:
     return image.resize((width, height), method)
 
 
-def _grid(cells: Sequence[tuple[str, Image.Image]], columns: int) -> FloatImage:
-    """Lay pictures of one size out in rows, each below its caption."""
-    title = 2 * FONT - 4
-    across, down = cells[0][1].width + GUTTER, cells[0][1].height + title + GUTTER
-    sheet = Image.new("RGB", (columns * across + GUTTER, -(-len(cells) // columns) * down + GUTTER), GROUND)
-    for i, (label, picture) in enumerate(cells):
-        x, y = GUTTER + i % columns * across, i // columns * down
-        _caption(sheet, (x + 2, y + 6), label)
-        sheet.paste(picture, (x, y + title))
-    return _display(sheet)
-
-
-def contact_sheet(cells: Sequence[tuple[str, Display, Display]], *, marked: int | None = None) -> FloatImage:
-    """Lay results out in a grid that is as square as possible.
-
-    Parameters
-    ----------
-    cells : sequence of (label, picture, kernel)
-        Display values in [0, 1], all pictures of one size. The kernel is drawn into the upper right corner, brightened
-        to its peak; all kernels have one scale.
-    marked : int, optional
-        Index of a cell to frame.
-
-    Returns
-    -------
-    ndarray, shape (h, w, 3), float32
-        Display values in [0, 1].
-    """
-    pictures = [_to_width(rgb8(label, picture), PANEL) for label, picture, _ in cells]
-    zoom = 0.2 * PANEL / max(max(kernel.shape) for _, _, kernel in cells)
-    for i, (picture, (_, _, kernel)) in enumerate(zip(pictures, cells, strict=True)):
-        size = max(round(kernel.shape[1] * zoom), 8), max(round(kernel.shape[0] * zoom), 8)
-        drawn = rgb8("kernel", brightness(np.asarray(kernel))).resize(size, Image.Resampling.BICUBIC)
-        picture.paste(drawn, (PANEL - size[0], 0))
-        if i == marked:
-            ImageDraw.Draw(picture).rectangle((0, 0, PANEL - 1, picture.height - 1), outline=MARKS[0], width=4)
-    columns = round(math.sqrt(len(cells) * (pictures[0].height + 2 * FONT) / PANEL))
-    return _grid([(cell[0], picture) for cell, picture in zip(cells, pictures, strict=True)], max(columns, 1))
-
-
 def side_by_side(images: Mapping[str, Display]) -> FloatImage:
     """Lay labelled pictures side by side, and below each the same details enlarged.
 
@@ -129,7 +89,14 @@ def side_by_side(images: Mapping[str, Display]) -> FloatImage:
         sizes = ", ".join(f"{label!r} has {panel.width}x{panel.height} px" for label, panel in panels.items())
         raise InputError(f"pictures side by side need one size: {sizes}")
     boxes = _detailed(list(panels.values()), len(MARKS))
-    return _grid([(label, _with_details(panel, boxes)) for label, panel in panels.items()], len(panels))
+    columns = [_with_details(panel, boxes) for panel in panels.values()]
+    title = 2 * FONT - 4
+    across, down = columns[0].width + GUTTER, columns[0].height + title + 2 * GUTTER
+    sheet = Image.new("RGB", (len(columns) * across + GUTTER, down), GROUND)
+    for i, (label, column) in enumerate(zip(panels, columns, strict=True)):
+        _caption(sheet, (GUTTER + i * across + 2, 6), label)
+        sheet.paste(column, (GUTTER + i * across, title))
+    return _display(sheet)
 
 
 def _with_details(panel: Image.Image, boxes: Sequence[Box]) -> Image.Image:
