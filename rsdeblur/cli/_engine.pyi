@@ -84,7 +84,6 @@ from rsdeblur.io.sessions import photos_in as photos_in
 from rsdeblur.io.source import Source as Source
 from rsdeblur.io.source import mistaken as mistaken
 from rsdeblur.motion.acceleration import AccelerationLog as AccelerationLog
-from rsdeblur.motion.arguments import is_held as is_held
 from rsdeblur.motion.axes import PRESETS as PRESETS
 from rsdeblur.motion.axes import imu_to_camera as imu_to_camera
 from rsdeblur.motion.camera import Camera as Camera
@@ -115,9 +114,9 @@ from rsdeblur.report.drawings import picture_uris as picture_uris
 from rsdeblur.report.figures import Finding as Finding
 from rsdeblur.report.figures import Level as Level
 from rsdeblur.report.figures import readout_data as readout_data
+from rsdeblur.report.page import mode_table as mode_table
 from rsdeblur.report.timeline import timeline_svg as timeline_svg
 from rsdeblur.simulation.clip import simulate_clip as simulate_clip
-from rsdeblur.simulation.scene import MOST_PIXELS as MOST_PIXELS
 from rsdeblur.simulation.scene import scene as scene
 from rsdeblur.simulation.shake import hand_shake as hand_shake
 from rsdeblur.simulation.simulate import simulate as simulate

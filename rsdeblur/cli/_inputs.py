@@ -112,15 +112,10 @@ def indices_of(photos: Sequence[Path], capture: Path, numbered_from: int | None)
     return indices
 
 
-def read_recording(
-    recording: Recording, photo: Path | None = None, *, known_axes: bool = True
-) -> tuple[rs.GyroLog, rs.Camera, rs.Exposure]:
-    """Read the log, the camera and the exposure that the options name; see `read_inputs`.
-
-    Unless the axes of the camera file should be known, they cause no warning.
-    """
+def read_recording(recording: Recording, photo: Path | None = None) -> tuple[rs.GyroLog, rs.Camera, rs.Exposure]:
+    """Read the log, the camera and the exposure that the options name; see `read_inputs`."""
     exposure = _exposure(recording, photo)
-    log, camera = read_device(recording, known_axes=known_axes)
+    log, camera = read_device(recording)
     _refuse_longer(recording.duration, log.span[1] - log.span[0], recording.gyro)
     if recording.start == "exif":
         exif = _exif(photo)
@@ -136,7 +131,7 @@ def read_recording(
     return log, camera, exposure
 
 
-def read_device(recording: Recording, *, known_axes: bool = True) -> tuple[rs.GyroLog, rs.Camera]:
+def read_device(recording: Recording) -> tuple[rs.GyroLog, rs.Camera]:
     """Read the log and the camera that the options name; see `read_recording`."""
     camera_file = rs.open_camera(recording.camera)
     focal_length = None
@@ -146,8 +141,7 @@ def read_device(recording: Recording, *, known_axes: bool = True) -> tuple[rs.Gy
     overrides = {"time_offset": recording.time_offset, "readout_time": recording.readout_time}
     camera = camera_file.with_overrides(**overrides, focal_length=focal_length).warn(recording.camera)
     file = read_log(recording)
-    if known_axes:
-        warn_of_axes(file, camera, recording)
+    warn_of_axes(file, camera, recording)
     first, last = file.log.span
     say_detail(f"log: {file.format}, {len(file.log)} samples at {file.log.rate:.1f} Hz, {first:.3f} to {last:.3f} s")
     return file.log, camera

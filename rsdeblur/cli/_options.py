@@ -183,7 +183,8 @@ def _option_of(each: Field[Any], *, required: bool) -> Decorator:
         type=_types.KINDS[facts["kind"]] if "kind" in facts else kind,
         metavar=facts.get("metavar"),
         required=required,
-        default=each.default,
+        # With any default, even None, click takes an option for given.
+        **({} if each.default is None else {"default": each.default}),
         show_default=facts.get("shown", each.default is not None),
         help=facts["help"],
     )

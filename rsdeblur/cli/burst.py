@@ -6,7 +6,6 @@ import re
 import time
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,16 +24,11 @@ from rsdeblur.cli._inputs import (
     transfer_of,
     warn_of_clip_gravity,
 )
-from rsdeblur.cli._items import one_name, read_items
 from rsdeblur.cli._options import CLIP, ONE_OF_MANY, SOLVE, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import (
-    attempt,
     check_page,
-    exit_if_failed,
-    prepare_folder,
     print_json,
     progress,
-    refuse_inputs,
     say,
 )
 from rsdeblur.cli._photo import facts_of, refinement_facts, remarks, summary
@@ -47,7 +41,6 @@ EXAMPLES = """\b
 Examples:
   rsdeblur burst a.jpg b.jpg c.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --frames 2,3,4 -o out.jpg
   rsdeblur burst --from clip.mp4 --frames 10:18 --gyro gyro.csv --camera phone.toml --duration 1/30 -o sharp.png
-  rsdeblur burst burst1/ burst2/ --camera phone.toml -o sharp/
 """
 
 
@@ -70,11 +63,12 @@ def frame_numbers(text: str) -> list[int]:
 
 
 @click.command("burst", cls=Command, epilog=EXAMPLES)
-@click.argument("photos", type=PATH, nargs=-1, metavar="[PHOTO|FOLDER]...")
+@click.argument("photos", type=PATH, nargs=-1, metavar="[PHOTO]...")
 @option("--from", "clip", type=PATH, metavar="VIDEO", help="Take the frames from a video.")
 @option(
     "--frames",
     type=TextType("A:B|N,N,...", frame_numbers),
+    required=True,
     help="Numbers of the frames, from 0: lines of --capture, or frames of the video; 10:18 is 10 to 17.",
 )
 @option(
@@ -83,10 +77,8 @@ def frame_numbers(text: str) -> list[int]:
     metavar="N",
     help="Number of the frame whose pose the result has, one of --frames.  [default: the best]",
 )
-@option("--weights", type=PATH, metavar="PNG", help="Write the weights of the frames, side by side.")
 @_options.report_option
-@_options.recording_options(*CLIP, required=())
-@_options.numbered_from_option
+@_options.recording_options(*CLIP)
 @option(
     "--mode",
     section=BLUR,
@@ -97,15 +89,13 @@ def frame_numbers(text: str) -> list[int]:
 )
 # `--mode` has a value more than that of other commands. Colours of several frames have the full resolution.
 @_options.solve_options(*(name for name in SOLVE if name not in ("mode", "chroma")))
-@_options.target_options("OUT|DIR", "Picture to write, or folder for the pictures of FOLDERs.")
+@_options.target_options("OUT", "Picture to write.")
 def command(
     photos: tuple[Path, ...],
     clip: Path | None,
-    frames: list[int] | None,
+    frames: list[int],
     reference: int | None,
-    weights: Path | None,
     report: Path | None,
-    numbered_from: int | None,
     mode: Mode | Auto,
     recording: Recording,
     options: Options,
@@ -115,26 +105,17 @@ def command(
 
     Each shaken frame has lost other details; together they have almost all. Frames that do not fit, or places where
     something moves, do not count. EXIF, colour profile and bit depth are those of the reference.
-
-    Each FOLDER is one burst: a session of MARS logger, OpenCamera Sensors or DeepGyro with its photos. A burst that
-    fails does not stop the others; the exit code is then 3.
     """
     if (clip is None) == (not photos):
         raise click.UsageError("give either photos or --from VIDEO")
     _options.refuse_unused(options, choices.MODES if mode == "auto" else [mode])
-    if any(photo.is_dir() for photo in photos):
-        if frames or reference is not None or weights is not None or report is not None:
-            raise click.UsageError("folders have no --frames, --reference, --weights or --report")
-        return _folders(photos, numbered_from, recording, mode, options, target)
-    _check(frames, reference, weights, report, numbered_from, recording, target)
-    assert frames is not None
+    if reference is not None and reference not in frames:
+        raise click.UsageError(f"--reference {reference} is not one of --frames")
+    rs.check_writable(target.output, force=target.force)
+    check_page(report, force=target.force)
     shots = _from_clip(clip, frames, recording) if clip else _from_photos(photos, frames, recording)
     with naming(None, recording), capture_warnings() as texts:
         facts, result = _deblurred(shots, mode, options, target, reference=reference)
-    if weights is not None:
-        import numpy as np
-
-        rs.write_picture(weights, np.hstack([frame.weights for frame in result.frames]), force=target.force)
     if report is not None:
         compared = _compared(clip or photos[result.reference], shots, facts, result, options)
         rs.write_page(report, complete(compared, recording, options, texts))
@@ -142,31 +123,6 @@ def command(
         print_json(facts)
     else:
         _print(facts)
-
-
-def _check(
-    frames: list[int] | None,
-    reference: int | None,
-    weights: Path | None,
-    report: Path | None,
-    numbered_from: int | None,
-    recording: Recording,
-    target: Target,
-) -> None:
-    """Refuse options of a burst that contradict each other, and outputs that cannot be written."""
-    if numbered_from is not None:
-        raise click.UsageError("--numbered-from is for folders; --frames says which frames the photos are")
-    _options.require(recording, "gyro", "camera")
-    if frames is None:
-        raise click.UsageError("--frames missing: the lines of --capture, or frames of the video, like 2,3,5 or 2:6")
-    if reference is not None and reference not in frames:
-        raise click.UsageError(f"--reference {reference} is not one of --frames")
-    if target.output == weights:
-        raise click.UsageError(f"-o and --weights are both {weights}; give each its own name")
-    for path in filter(None, (target.output, weights)):
-        refuse_inputs(path)
-        rs.check_writable(path, force=target.force)
-    check_page(report, force=target.force)
 
 
 class Shots(NamedTuple):
@@ -230,55 +186,6 @@ def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: rs.Burst
         1.0 - float(result.result.coverage.mean()),
         frames=[used | {"weights": frame.weights} for used, frame in zip(facts["frames"], result.frames, strict=True)],
     )
-
-
-def _folders(
-    folders: tuple[Path, ...],
-    numbered_from: int | None,
-    recording: Recording,
-    mode: Mode | Auto,
-    options: Options,
-    target: Target,
-) -> None:
-    """Deblur the burst of each folder into the folder of results."""
-    if others := [folder for folder in folders if not folder.is_dir()]:
-        raise click.UsageError(f"{others[0]} is not a folder; give either photos or folders")
-    refuse_given(ONE_OF_MANY, start=recording.start, start_ns=recording.start_ns)
-    if target.output.suffix and not target.output.is_dir():
-        raise click.UsageError(f"-o {target.output}: the results of folders need a folder, whose name has no extension")
-    outputs = [target.output / f"{folder.resolve().name}.png" for folder in folders]
-    if len(set(map(one_name, outputs))) < len(outputs):
-        raise click.UsageError(
-            "two folders have the same name, or names that differ only in case, and so would their results"
-        )
-
-    def solve(folder: Path, output: Path) -> dict[str, Any]:
-        with naming(folder):
-            shots = _from_folder(folder, numbered_from, recording, target.output)
-            return _deblurred(shots, mode, options, replace(target, output=output))[0]
-
-    prepare_folder(target.output, [output.name for output in outputs], force=target.force)
-    entries = []
-    for folder, output in zip(folders, outputs, strict=True):
-        entries.append(attempt({"output": str(output)}, folder, partial(solve, folder, output)))
-        if not target.as_json and "error" not in entries[-1]:
-            _print(entries[-1])
-    if target.as_json:
-        print_json({"bursts": entries})
-    exit_if_failed(entries)
-
-
-def _from_folder(folder: Path, numbered_from: int | None, recording: Recording, output: Path) -> Shots:
-    """Read the photos of a session and their exposures."""
-    items = read_items(folder, recording, output, numbered_from=numbered_from)
-    inputs = []
-    for item in items:
-        if item.recording is None:
-            raise InputError(item.error or str(item.photo))
-        inputs.append(read_inputs(item.photo, item.recording))
-    pictures, exposures = [each.picture for each in inputs], [each.exposure for each in inputs]
-    shots = Shots(pictures, list(range(len(items))), exposures, inputs[0].log, inputs[0].camera)
-    return _checked(shots, [item.photo for item in items])
 
 
 def _from_photos(photos: tuple[Path, ...], frames: list[int], recording: Recording) -> Shots:

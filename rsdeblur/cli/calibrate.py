@@ -11,10 +11,9 @@ import click
 
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import clip_exposures, indices_of, naming, read_recording
-from rsdeblur.cli._items import read_items
+from rsdeblur.cli._inputs import clip_exposures, indices_of, naming
 from rsdeblur.cli._log import read_log
-from rsdeblur.cli._options import FOR_PHOTOS, Command, Recording, Target, option, refuse_given, require
+from rsdeblur.cli._options import FOR_PHOTOS, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import check_camera_file, print_json, print_table, progress, say
 from rsdeblur.cli._types import PATH, SECONDS
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurError
@@ -24,7 +23,6 @@ Examples:
   rsdeblur calibrate clip.mp4 --gyro gyro_accel.csv --capture movie_metadata.csv -o phone.toml
   rsdeblur calibrate clip.mov --gyro clip.gcsv --camera start.toml --duration 1/500 --from -3s --to 3s -o camera.toml
   rsdeblur calibrate burst/*.jpg --gyro imu.txt --capture images.txt -o tablet.toml
-  rsdeblur calibrate photos.csv --camera start.toml -o phone.toml
 """
 
 # Focal length over the longer side where no file gives one: 27 mm equivalent, with a little cut off for a video.
@@ -48,13 +46,13 @@ class Photos(NamedTuple):
 
     pictures: Iterator[rs.NDArray[Any]]
     exposures: list[rs.Exposure]
-    logs: list[rs.GyroLog]
+    log: rs.GyroLog
     start: rs.Camera
 
 
 @click.command("calibrate", cls=Command, epilog=EXAMPLES)
-@click.argument("sources", type=PATH, metavar="CLIP|PHOTO...|MANIFEST", nargs=-1, required=True)
-@_options.recording_options(*GIVEN, required=())
+@click.argument("sources", type=PATH, metavar="CLIP|PHOTO...", nargs=-1, required=True)
+@_options.recording_options(*GIVEN, required=("gyro",))
 @_options.numbered_from_option
 @option(*("--from", "first"), type=SECONDS, help="First time offset.  [default: -1s; -30ms where the blur counts]")
 @option(*("--to", "last"), type=SECONDS, help="Last time offset.  [default: 1s; 30ms where the blur counts]")
@@ -84,7 +82,7 @@ def command(
 
     --camera gives start values. Photos of a burst are frames; --index is the number of the first one in --capture, and
     the others follow. Of other photos, at least three, the blur gives the same numbers but the bias, less
-    precisely. A MANIFEST or a session folder, as for `batch`, lists photos with logs of their own.
+    precisely.
 
     A value that the pictures do not determine is assumed: it keeps its start value. Exit code 1 means that the fit is
     not trustworthy; then no file is written.
@@ -92,16 +90,12 @@ def command(
     check_camera_file(target.output, force=target.force)
     name = sources[0]
     with progress("calibrate") as move, naming(name, recording):
-        film = _film(sources, recording, numbered_from, frames, target.output)
+        film = _film(sources, recording, numbered_from, frames)
         is_clip = _is_clip(film)
         usual = SEARCH if is_clip else PHOTO_SEARCH
         search = usual[0] if first is None else first, usual[1] if last is None else last
-        if is_clip:
-            result = rs.calibrate(film.pictures, film.exposures, film.logs[0], film.start, search=search, progress=move)
-        else:
-            result = rs.calibrate_photos(
-                film.pictures, film.exposures, film.logs, film.start, search=search, progress=move
-            )
+        method = rs.calibrate if is_clip else rs.calibrate_photos
+        result = method(film.pictures, film.exposures, film.log, film.start, search=search, progress=move)
     if result.accepted:
         result.camera.save(target.output)
     if target.as_json:
@@ -115,23 +109,20 @@ def command(
 
 
 def _is_clip(film: Photos) -> bool:
-    """Return whether enough neighbouring pictures, of one log, are so near in time that they show the same things."""
+    """Return whether enough neighbouring pictures are so near in time that they show the same things."""
     # Timestamps of 64 bits are exact as integers only.
     epoch_ns = film.exposures[0].epoch_ns
     times = [1e-9 * (each.epoch_ns - epoch_ns) + each.start for each in film.exposures]
     near = sum(0 < after - before <= rs.LONGEST_STEP for before, after in pairwise(times))
-    return near >= rs.LEAST_PAIRS and all(log is film.logs[0] for log in film.logs)
+    return near >= rs.LEAST_PAIRS
 
 
-def _film(sources: Sequence[Path], recording: Recording, numbered_from: int | None, count: int, output: Path) -> Photos:
+def _film(sources: Sequence[Path], recording: Recording, numbered_from: int | None, count: int) -> Photos:
     """Return the pictures to use, their exposures and logs, and the camera with the start values."""
-    if len(sources) == 1 and (sources[0].is_dir() or sources[0].suffix.lower() == ".csv"):
-        return _listed(sources[0], recording, numbered_from, output)
-    require(recording, "gyro")
     log = read_log(recording).log
     others = [source for source in sources if not rs.is_picture(rs.Source(source, "video or picture"))]
     if others and len(sources) > 1:
-        raise FileFormatError(f"{others[0]}: not a picture; give photos, or one clip, folder or manifest alone")
+        raise FileFormatError(f"{others[0]}: not a picture; give photos, or one clip alone")
     if not others:
         pictures, exposures, size = _photos(sources, recording, numbered_from)
     else:
@@ -145,7 +136,7 @@ def _film(sources: Sequence[Path], recording: Recording, numbered_from: int | No
         runs = _runs(len(clip), count)
         pictures = (rs.values_of(frame) for run in runs for frame in rs.frames(clip, run.start, run.stop))
         exposures, size = [every[i] for run in runs for i in run], (clip.width, clip.height)
-    return Photos(pictures, exposures, [log] * len(exposures), _start(recording.camera, sources[0], size))
+    return Photos(pictures, exposures, log, _start(recording.camera, sources[0], size))
 
 
 def _runs(length: int, count: int) -> list[range]:
@@ -161,7 +152,7 @@ def _photos(
     photos: Sequence[Path], recording: Recording, numbered_from: int | None
 ) -> tuple[Iterator[rs.NDArray[Any]], list[rs.Exposure], tuple[int, int]]:
     if recording.capture is None:
-        raise click.UsageError("photos need --capture FILE, which lists their exposures, or a manifest")
+        raise click.UsageError("photos need --capture FILE, which lists their exposures")
     exposures = rs.read_captures(recording.capture, duration=recording.duration)
     index = recording.index
     if index is None and len(exposures) != len(photos):
@@ -177,21 +168,6 @@ def _photos(
         )
     width, height, _ = rs.read_header(photos[0])
     return (rs.read_picture(photo).pixels for photo in photos), exposures[: len(photos)], (width, height)
-
-
-def _listed(source: Path, recording: Recording, numbered_from: int | None, output: Path) -> Photos:
-    """Return the photos of a manifest or of a session folder."""
-    items = read_items(source, recording, output, numbered_from=numbered_from)
-    if not items:
-        raise FileFormatError(f"{source}: no photo is listed")
-    found = []
-    for item in items:
-        if item.recording is None:
-            raise FileFormatError(str(item.error))
-        with naming(item.photo, item.recording):
-            found.append(read_recording(item.recording, item.photo, known_axes=False))
-    logs, cameras, exposures = (list(each) for each in zip(*found, strict=True))
-    return Photos((rs.read_picture(item.photo).pixels for item in items), exposures, logs, cameras[0])
 
 
 def _start(path: Path | None, source: Path, size: tuple[int, int]) -> rs.Camera:

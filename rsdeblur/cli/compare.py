@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import click
@@ -69,23 +68,14 @@ def command(
     --report writes one page that needs no network. It shows any two pictures under a divider, the kernels over them,
     the gyroscope's rates with the exposure window of each row, figures for each band, all settings, and warnings.
     """
-    output, force = target.output, target.force
     modes = tuple(mode for mode in MODES if mode in (modes or MODES))
     _options.refuse_unused(options, modes)
-    prepare_folder(output, [*output_names(photo, modes), REPORT], force=force)
-    check_page(report, force=force)
-    with capture_warnings() as texts:
-        compared = compare_modes(photo, recording, options, target, truth=truth, modes=modes)
-    if report is not None:
-        rs.write_page(report, complete(compared, recording, options, texts))
-        compared.report["report"] = str(report)
-    write_json(output / REPORT, compared.report)
-    if target.as_json:
-        print_json(compared.report)
-    else:
-        print_report(compared.report)
+    prepare_folder(target.output, [*output_names(photo, modes), REPORT], force=target.force)
+    check_page(report, force=target.force)
+    compare_modes(photo, recording, options, target, truth=truth, modes=modes, page=report)
+    if not target.as_json:
         page = "" if report is None else f" Open {report} in a browser."
-        say("", f"The pictures are in {output}; see {SHEET}.{page}")
+        say("", f"The pictures are in {target.output}; see {SHEET}.{page}")
 
 
 def output_names(photo: Path, modes: Sequence[Mode] = MODES) -> list[str]:
@@ -102,33 +92,40 @@ def compare_modes(
     *,
     truth: Path | None,
     modes: Sequence[Mode] = MODES,
-    changes: Mapping[Mode, Mapping[str, Any]] = MappingProxyType({}),
-) -> rs.Page:
-    """Deblur `photo` in each mode, write the pictures into the folder of `target` and return the results.
-
-    `changes` holds fields of `options` that differ in a mode.
-    """
-    # Only --refine refines here, so it is always asked for.
-    ready = prepare(photo, recording, options)
-    picture, transfer = ready.inputs.picture, transfer_of(ready.inputs.picture, ready.options.transfer)
-    sharp = None if truth is None else _read_truth(truth, photo, picture, options.transfer)
-    # Options that a mode does not take are refused before the first mode is solved.
-    each_mode = {mode: _options.changed(ready.options, mode=mode, **changes.get(mode, {})) for mode in modes}
-
-    shown = {"input": display_values(picture.pixels, transfer)}
-    report: dict[str, Any] = {"photo": str(photo), "size_px": list(picture.pixels.shape[1::-1])}
-    report |= moment_facts(recording, ready.inputs)
-    if sharp is not None:
-        report |= {"truth": str(truth), "blurred": rs.similarity(shown["input"], sharp)}
-    report["modes"] = {}
-    compared = rs.Page(report, *ready.inputs, shown, {}, transfer)
-    compared = _solve(ready, compared, each_mode, target)
+    page: Path | None = None,
+) -> None:
+    """Deblur `photo` in each mode, write the pictures and the results into the folder of `target`, and print them."""
+    with capture_warnings() as texts:
+        # Only --refine refines here, so it is always asked for.
+        ready = prepare(photo, recording, options)
+        picture, transfer = ready.inputs.picture, transfer_of(ready.inputs.picture, ready.options.transfer)
+        sharp = None if truth is None else _read_truth(truth, photo, picture, options.transfer)
+        # Options that a mode does not take are refused before the first mode is solved.
+        each_mode = {mode: _options.changed(ready.options, mode=mode) for mode in modes}
+        shown = {"input": display_values(picture.pixels, transfer)}
+        report: dict[str, Any] = {"photo": str(photo), "size_px": list(picture.pixels.shape[1::-1])}
+        report |= moment_facts(recording, ready.inputs)
+        if sharp is not None:
+            report |= {"truth": str(truth), "blurred": rs.similarity(shown["input"], sharp)}
+        compared = _solve(ready, rs.Page(report | {"modes": {}}, *ready.inputs, shown, {}, transfer), each_mode, target)
+    report = compared.report
     if sharp is not None:
         for mode in modes:
             report["modes"][mode] |= rs.similarity(shown[mode], sharp)
         shown["truth"] = sharp
     _draw(target, shown, compared.banks, report["modes"])
-    return compared
+    if page is not None:
+        rs.write_page(page, complete(compared, recording, options, texts))
+        report["report"] = str(page)
+    write_json(target.output / REPORT, report)
+    if target.as_json:
+        print_json(report)
+        return
+    header, *rows = rs.mode_table(report)
+    print_table(header, rows)
+    for mode, facts in report["modes"].items():
+        say(*(f"  {mode}: {line.strip()}" for line in remarks({"check": facts["check"]}, asked=False)))
+    say(*remarks(report, asked=True))
 
 
 def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options], target: Target) -> rs.Page:
@@ -178,32 +175,3 @@ def _draw(
     rs.write_picture(target.output / SHEET, rs.side_by_side(panels), force=target.force)
     drawing = rs.psf_map(list(banks.values())[-1], shown["input"].shape, picture=shown["input"])
     rs.write_picture(target.output / MAP, drawing, force=target.force)
-
-
-def print_report(report: dict[str, Any]) -> None:
-    """Print the table of modes, and below it what `deblur` says of a result too."""
-    columns = ["mode", "prior", "bands x strips", "PSF px", "time s", "peak MiB", "check"]
-    rows = [["(blurred)", *[""] * 6, *_similarity_cells(report["blurred"])]] if "blurred" in report else []
-    for mode, facts in report["modes"].items():
-        memory, check = facts["peak_memory_mib"], facts["check"]
-        rows.append(
-            [
-                mode,
-                facts["prior"],
-                f"{facts['bands']} x {facts['strips']}",
-                "{} x {}".format(*facts["psf_px"]),
-                f"{facts['seconds']:.2f}",
-                "-" if memory is None else f"{memory:.0f}",
-                "-" if check is None else check["verdict"],
-                *(_similarity_cells(facts) if "blurred" in report else []),
-            ]
-        )
-    print_table([*columns, *(["PSNR dB", "SSIM"] if "blurred" in report else [])], rows)
-    for mode, facts in report["modes"].items():
-        say(*(f"  {mode}: {line.strip()}" for line in remarks({"check": facts["check"]}, asked=False)))
-    say(*remarks(report, asked=True))
-
-
-def _similarity_cells(facts: dict[str, Any]) -> list[str]:
-    psnr = facts["psnr_db"]
-    return ["inf" if psnr is None else f"{psnr:.2f}", f"{facts['ssim']:.3f}"]

@@ -13,13 +13,12 @@ from typing import Any, NamedTuple
 import click
 
 from rsdeblur._util.atomic import atomic_write
-from rsdeblur.choices import Mode
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._options import Command, Recording, Target, option
-from rsdeblur.cli._output import prepare_folder, print_json, progress, say, write_json
+from rsdeblur.cli._output import prepare_folder, print_json, progress, say
 from rsdeblur.cli._types import SIZE
-from rsdeblur.cli.compare import compare_modes, output_names, print_report
+from rsdeblur.cli.compare import REPORT, compare_modes, output_names
 from rsdeblur.pipeline.options import Options
 
 FOCAL = 1.1  # picture widths: a phone's main camera sees about 50 degrees
@@ -27,26 +26,24 @@ FOCAL35 = 26  # mm, of the photos of a camera app
 LATE = 0.41  # s, of the times in EXIF after the exposures: a camera app writes when it stores the photo
 # The scene extends beyond the frame by this fraction of its longer side, further than the blur reaches.
 MARGIN = 0.1
-# "global" shows the filter and the noise-to-signal ratio of Sindelar and Sroubek (2013).
-PUBLISHED: dict[str, Any] = {"prior": "wiener", "nsr": 0.02}
-REPORT = "demo.json"
 LOG, CAMERA, CAPTURES, MOVIE = "gyro_accel.csv", "camera.toml", "movie_metadata.csv", "movie.mp4"
-UNIX_LOG = "Gyroscope.csv"
+CAPTURE_LOG, UNIX_LOG, LOGGED = "gyro.csv", "Gyroscope.csv", (LOG, CAMERA, CAPTURES)
 # Least side of the picture, px.
 LEAST_SIDE = 64
 
 
 class Kind(NamedTuple):
-    """What is simulated: frames, their interval and exposure (s), the names of the photos, and the recording.
+    """What is simulated: files, the photos among them, frames, their interval and exposure (s), and the recording.
 
     `strength` is that of the shake, of a phone shaken on purpose, `noise` a standard deviation in linear light,
     `start` that of the first frame (s), `readout` in s and `epoch_ns` that of the log.
     """
 
+    files: tuple[str, ...]
+    photos: tuple[str, ...]
     frames: int
     interval: Fraction
     duration: Fraction
-    photos: tuple[str, ...]
     start: float = 0.25
     epoch_ns: int = 1_560_000_000_000  # of a phone that was started half an hour ago
     strength: float = 0.4
@@ -56,12 +53,23 @@ class Kind(NamedTuple):
 
 KINDS = {
     # Blurs by about 30 px at a width of 1024 px, with the readout of a slow phone sensor.
-    "capture": Kind(1, Fraction(1, 10), Fraction(1, 20), (), epoch_ns=0, strength=0.2, noise=0.01, readout=0.03),
-    "recording": Kind(4, Fraction(1, 2), Fraction(1, 20), tuple(f"frame{i:04}.png" for i in range(4))),
-    "video": Kind(24, Fraction(1, 30), Fraction(1, 40), ()),
+    "capture": Kind(
+        (CAPTURE_LOG, CAMERA, "sharp.png", "rolling.png", "blurred.png"),
+        *((), 1, Fraction(1, 10), Fraction(1, 20)),
+        epoch_ns=0,
+        strength=0.2,
+        noise=0.01,
+        readout=0.03,
+    ),
+    "recording": Kind(
+        LOGGED, ("frame0000.png", "frame0001.png", "frame0002.png", "frame0003.png"), 4, Fraction(1, 2), Fraction(1, 20)
+    ),
+    "video": Kind((*LOGGED, MOVIE), (), 24, Fraction(1, 30), Fraction(1, 40)),
     # The log extends beyond the search of `--start exif`.
     "stock-camera": Kind(
-        *(2, Fraction(2), Fraction(1, 20), ("IMG_1.jpg", "IMG_2.jpg")), start=2.5, epoch_ns=1_780_000_000_000_000_000
+        *((UNIX_LOG,), ("IMG_1.jpg", "IMG_2.jpg"), 2, Fraction(2), Fraction(1, 20)),
+        start=2.5,
+        epoch_ns=1_780_000_000_000_000_000,
     ),
 }
 
@@ -78,7 +86,12 @@ Examples:
 @click.command("demo", cls=Command, epilog=EXAMPLES)
 @option("--size", type=SIZE, metavar="WxH", default="1024x768", show_default=True, help="Size in px.")
 @option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of scene, shake and noise.")
-@option(*("--recording", "kind"), flag_value="recording", help="Only simulate a logger's folder with 4 photos.")
+@option(
+    *("--recording", "kind"),
+    flag_value="recording",
+    default="capture",
+    help="Only simulate a logger's folder with 4 photos.",
+)
 @option(*("--video", "kind"), flag_value="video", help="Only simulate a logger's folder with a video.")
 @option(
     *("--stock-camera", "kind"),
@@ -86,68 +99,36 @@ Examples:
     help="Only simulate 2 photos of a camera app, and a log of Sensor Logger.",
 )
 @_options.target_options("DIR", "Folder to write to.  [default: demo]", default=lambda **_: Path("demo"))
-def command(size: tuple[int, int], seed: int, kind: str | None, target: Target) -> None:
+def command(size: tuple[int, int], seed: int, kind: str, target: Target) -> None:
     """Simulate a capture and deblur it in every mode; needs no data.
 
-    The mode global uses the published method's filter, the others the default prior.
-
-    Writes to DIR the sharp and the blurred picture, the gyro log, the camera file, the picture of each mode,
-    side-by-side.png, psfs.png and demo.json, and prints the command that deblurs the blurred picture again. With
+    Writes to DIR the sharp and the blurred picture, the gyro log, the camera file, and what `compare` writes. With
     --recording or --video, writes what a logger app would: a gyro log, the exposures, photos or a video, and a camera
-    file. With --stock-camera, writes photos with EXIF blocks and a gyro log. Both print the command that deblurs them.
+    file. With --stock-camera, writes photos with EXIF blocks and a gyro log. Each prints the command that deblurs.
     """
-    _check_size(kind or "capture", size, seed)
-    output, force = target.output, target.force
-    if kind is not None:
-        names = session_files(kind)
-        prepare_folder(output, names, force=force)
-        with progress("simulate"):
-            write_session(kind, size, seed, output, force=force)
-        command_again = shlex.join(["rsdeblur", *_session_command(kind, output)])
-        if target.as_json:
-            print_json({"files": names, "command": command_again})
-        else:
-            say("", f"The session is in {output}. This command deblurs it:", "", f"  {command_again}")
-        return
-    blurred, rolling, gyro, camera = (output / name for name in ("blurred.png", "rolling.png", "gyro.csv", CAMERA))
-    own = [*(path.name for path in (blurred, rolling, gyro, camera)), "sharp.png", REPORT]
-    prepare_folder(output, [*own, *output_names(blurred)], force=force)
-    with progress("simulate"):
-        _write_capture(size, seed, output, force=force)
-    # From here on, the demo uses the files as a user does.
-    start, duration = KINDS["capture"].start, float(KINDS["capture"].duration)
-    recording = Recording(gyro=gyro, camera=camera, start=start, duration=duration)
-    changes: dict[Mode, dict[str, Any]] = {"global": PUBLISHED}
-    report = compare_modes(blurred, recording, Options(), target, truth=rolling, changes=changes).report
-    again = ["rsdeblur", "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
-    again += ["--start", str(start), "--duration", str(duration), "--force", "-o", str(output / "again.png")]
-    report["command"] = shlex.join(again)
-    write_json(output / REPORT, report)
-    if target.as_json:
-        print_json(report)
-    else:
-        print_report(report)
-        where = f"The pictures are in {output}; see side-by-side.png. This command deblurs the blurred one again:"
-        say("", where, "", f"  {report['command']}")
-
-
-def _check_size(kind: str, size: tuple[int, int], seed: int) -> None:
-    """Refuse a size that the scene, the video or the simulated blur does not allow, before anything is written."""
-    width, height = size
-    margin = round(MARGIN * max(size))
-    problem = None
     if min(size) < LEAST_SIDE:
-        problem = f"the sides must be at least {LEAST_SIDE} px"
-    elif (width + 2 * margin) * (height + 2 * margin) > rs.MOST_PIXELS:
-        problem = f"the scene may have {rs.MOST_PIXELS} px at most, with a margin of {margin} px; use a smaller size"
-    elif kind == "video" and (width % 2 or height % 2):
-        problem = "the sides of a video must be even"
-    else:
-        log, camera, exposures = simulated(kind, size, seed)
-        if not all(rs.is_held(rs.Capture.from_log(log, camera, exposure)) for exposure in exposures):
-            problem = "the simulated blur is larger than so narrow a picture can hold; use a shape nearer to 4:3"
-    if problem:
-        raise click.UsageError(f"--size {width}x{height}: {problem}")
+        raise click.UsageError(f"--size {size[0]}x{size[1]}: the sides must be at least {LEAST_SIDE} px")
+    if kind == "video" and (size[0] % 2 or size[1] % 2):
+        raise click.UsageError(f"--size {size[0]}x{size[1]}: the sides of a video must be even")
+    output, force = target.output, target.force
+    names, again = [*KINDS[kind].files, *KINDS[kind].photos], shlex.join(["rsdeblur", *_command(kind, output)])
+    compared = [*output_names(output / "blurred.png"), REPORT] if kind == "capture" else []
+    prepare_folder(output, [*names, *compared], force=force)
+    with progress("simulate"):
+        if kind == "capture":
+            _write_capture(size, seed, output, force=force)
+        else:
+            _write_session(kind, size, seed, output, force=force)
+    if kind == "capture":
+        # From here on, the demo uses the files as a user does.
+        blurred, rolling, gyro, camera = (output / name for name in ("blurred.png", "rolling.png", CAPTURE_LOG, CAMERA))
+        start, duration = KINDS[kind].start, float(KINDS[kind].duration)
+        recording = Recording(gyro=gyro, camera=camera, start=start, duration=duration)
+        compare_modes(blurred, recording, Options(), target, truth=rolling)
+    elif target.as_json:
+        print_json({"files": names, "command": again})
+    if not target.as_json:
+        say("", f"The files are in {output}. This command deblurs them:", "", f"  {again}")
 
 
 def simulated(kind: str, size: tuple[int, int], seed: int) -> tuple[rs.GyroLog, rs.Camera, list[rs.Exposure]]:
@@ -164,22 +145,21 @@ def simulated(kind: str, size: tuple[int, int], seed: int) -> tuple[rs.GyroLog, 
     return rs.GyroLog(shake.t, shake.omega, session.epoch_ns), camera, exposures
 
 
-def session_files(kind: str) -> list[str]:
-    """Return the names of the files that :func:`write_session` makes."""
-    others = [UNIX_LOG] if kind == "stock-camera" else [LOG, CAMERA, CAPTURES]
-    return [*others, *(KINDS[kind].photos or [MOVIE])]
-
-
-def _session_command(kind: str, folder: Path) -> list[str]:
-    """Return the arguments that deblur a session."""
+def _command(kind: str, folder: Path) -> list[str]:
+    """Return the arguments that deblur what is written."""
+    session = KINDS[kind]
     if kind == "recording":
         return ["batch", str(folder), "-o", f"{folder}-sharp"]
+    if kind == "video":
+        sources = ["--gyro", str(folder / LOG), "--camera", str(folder / CAMERA), "--capture", str(folder / CAPTURES)]
+        return ["video", str(folder / MOVIE), *sources, "-o", f"{folder}-sharp.mp4"]
     if kind == "stock-camera":
-        photo, log = (str(folder / name) for name in (KINDS[kind].photos[0], UNIX_LOG))
-        readout = f"{1e3 * KINDS[kind].readout:g}ms"
+        photo, log = (str(folder / name) for name in (session.photos[0], UNIX_LOG))
+        readout = f"{1e3 * session.readout:g}ms"
         return ["deblur", photo, "--gyro", log, "--camera", photo, "--readout-time", readout, "--start", "exif"]
-    sources = ["--gyro", str(folder / LOG), "--camera", str(folder / CAMERA), "--capture", str(folder / CAPTURES)]
-    return ["video", str(folder / MOVIE), *sources, "-o", f"{folder}-sharp.mp4"]
+    sources = ["--gyro", str(folder / CAPTURE_LOG), "--camera", str(folder / CAMERA)]
+    moment = ["--start", str(session.start), "--duration", str(float(session.duration))]
+    return ["deblur", str(folder / "blurred.png"), *sources, *moment, "-o", str(folder / "again.png")]
 
 
 def _scene(size: tuple[int, int], seed: int) -> rs.NDArray[Any]:
@@ -195,10 +175,10 @@ def _write_capture(size: tuple[int, int], seed: int, output: Path, *, force: boo
     for name, light in pictures.items():
         rs.write_picture(output / f"{name}.png", rs.from_linear(light.clip(0.0, 1.0), "srgb"), force=force)
     camera.save(output / CAMERA)
-    _write_log(output / "gyro.csv", log, "t,wx,wy,wz", "{s:.9f},{x:.9f},{y:.9f},{z:.9f}")
+    _write_log(output / CAPTURE_LOG, log, "t,wx,wy,wz", "{s:.9f},{x:.9f},{y:.9f},{z:.9f}")
 
 
-def write_session(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: bool) -> None:
+def _write_session(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: bool) -> None:
     """Simulate a session and write its files.
 
     They are those of MARS logger with a camera file, or photos with EXIF blocks and a log of Sensor Logger.

@@ -231,31 +231,31 @@ def _figure(label: str, uri: str) -> str:
 
 
 def _modes(page: Page) -> str:
-    modes, blurred = page.report["modes"], page.report.get("blurred")
-    stages = [stage for stage in STAGES if any(stage in result["timings"] for result in modes.values())]
-    header = ["mode", "PSFs", "PSF px", "NSR", "weight", "time s", *(f"{stage} s" for stage in stages), "peak MiB"]
-    header += ["PSNR dB", "SSIM"] * (blurred is not None)
-    rows = [] if blurred is None else [[next(iter(page.shown)), *[""] * (len(header) - 3), *_similarity(blurred)]]
-    for mode, result in modes.items():
-        memory = result["peak_memory_mib"]
-        rows.append(
-            [
-                mode,
-                f"{result['bands']} {TIMES} {result['strips']}",
-                f" {TIMES} ".join(map(str, result["psf_px"])),
-                f"{result['nsr']:.3g}",
-                NONE if result["weight"] is None else f"{result['weight']:.3g}",
-                f"{result['seconds']:.2f}",
-                *(f"{result['timings'].get(stage, 0.0):.2f}" for stage in stages),
-                NONE if memory is None else f"{memory:.0f}",
-                *(_similarity(result) if blurred is not None else []),
-            ]
-        )
+    results = page.report["modes"].values()
+    stages = [stage for stage in STAGES if any(stage in result["timings"] for result in results)]
+    header, *rows = mode_table(page.report, stages)
     return _table("Modes, strengths, times and memory", header, rows)
 
 
+def mode_table(report: Mapping[str, Any], stages: Sequence[str] = ()) -> list[list[str]]:
+    """Return the header and the rows of the table of modes, with the times of some `stages`."""
+    blurred, modes = report.get("blurred"), report["modes"]
+    header = ["mode", "prior", "PSFs", "PSF px", "NSR", "weight", "time s", *(f"{stage} s" for stage in stages)]
+    header += ["peak MiB", "check", *(["PSNR dB", "SSIM"] if blurred is not None else [])]
+    rows = [] if blurred is None else [["(blurred)", *[""] * (len(header) - 3), *_similarity(blurred)]]
+    for mode, facts in modes.items():
+        wide, tall = facts["psf_px"]
+        memory, weight = facts["peak_memory_mib"], facts["weight"]
+        row = [mode, facts["prior"], f"{facts['bands']} x {facts['strips']}", f"{wide} x {tall}", f"{facts['nsr']:.3g}"]
+        row += ["-" if weight is None else f"{weight:.3g}", f"{facts['seconds']:.2f}"]
+        row += [f"{facts['timings'].get(stage, 0.0):.2f}" for stage in stages]
+        row += ["-" if memory is None else f"{memory:.0f}", _verdict(facts)]
+        rows.append(row + (_similarity(facts) if blurred is not None else []))
+    return [header, *rows]
+
+
 def _similarity(result: Mapping[str, Any]) -> list[str]:
-    return ["∞" if result["psnr_db"] is None else f"{result['psnr_db']:.2f}", f"{result['ssim']:.3f}"]
+    return ["inf" if result["psnr_db"] is None else f"{result['psnr_db']:.2f}", f"{result['ssim']:.3f}"]
 
 
 def _frames(page: Page) -> str:

@@ -34,9 +34,9 @@ def arguments(folder: Path, *more: object) -> list[object]:
     return ["burst", folder / "0.png", folder / "1.png", *recording, "--prior", "wiener", *more]
 
 
-def test_photos_with_json_weights_and_report(run, burst: Path, tmp_path: Path) -> None:
-    out, weights, page = (tmp_path / name for name in ("out.png", "weights.png", "report.html"))
-    more = ["-o", out, "--weights", weights, "--report", page, "--json"]
+def test_photos_with_json_and_report(run, burst: Path, tmp_path: Path) -> None:
+    out, page = tmp_path / "out.png", tmp_path / "report.html"
+    more = ["-o", out, "--report", page, "--json"]
     result = run(*arguments(burst, "--frames", "0:2", "--reference", 1, *more))
     assert result.exit_code == 0, result.output
     facts = json.loads(result.stdout)
@@ -44,7 +44,6 @@ def test_photos_with_json_weights_and_report(run, burst: Path, tmp_path: Path) -
     assert [frame["frame"] for frame in facts["frames"]] == [0, 1]
     assert sum(frame["share"] for frame in facts["frames"]) == pytest.approx(1)
     assert read_picture(out).pixels.shape == (96, 112, 3)
-    assert read_picture(weights).pixels.shape == (96, 224)
     text = page.read_text()
     assert "Frames and what they contribute" in text
     assert text.count('alt="frame 1"') == 2
@@ -71,36 +70,16 @@ def test_options_of_deblur_work_for_bursts(run, burst: Path, tmp_path: Path) -> 
     assert json.loads(run(*call, "--json").stdout)["refinement"]["accepted"] is False
 
 
-def test_each_folder_is_a_burst_and_a_bad_one_does_not_stop_the_others(run, burst: Path, tmp_path: Path) -> None:
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    result = run("burst", empty, burst, "--prior", "wiener", "-o", tmp_path / "sharp", "--json")
-    assert result.exit_code == 3, result.output
-    failed, done = json.loads(result.stdout)["bursts"]
-    assert "empty" in failed["error"]
-    assert len(done["frames"]) == 2
-    assert read_picture(tmp_path / "sharp" / f"{burst.name}.png").pixels.shape == (96, 112, 3)
-    result = run("burst", burst, "--frames", "0:2", "-o", tmp_path / "sharp")
-    assert result.exit_code == 2
-
-
-def test_folders_take_neither_photos_nor_one_moment(run, tmp_path: Path) -> None:
-    for more, message in ((["a.png"], "a.png is not a folder"), (["--start-ns", 7], "--start-ns is one moment")):
-        result = run("burst", tmp_path, *more, "-o", tmp_path / "out")
-        assert (result.exit_code, message in result.output) == (2, True)
-
-
 @pytest.mark.parametrize(
     ("more", "code", "message"),
     [
-        ([], 2, "--frames missing: the lines of --capture"),
+        ([], 2, "Missing option '--frames'"),
         (["--frames", "0,1,2"], 2, "names 3 exposures for 2 photos"),
         (["--frames", "0,7"], 1, "there is no exposure 7; the file contains 2"),
         (["--frames", "1:0"], 2, "is not right; write a list of numbers"),
         (["--frames", "1,1"], 2, "each frame once"),
         (["--frames", "0:2", "--reference", "5"], 2, "is not one of --frames"),
         (["--frames", "0:2", "--from", "clip.mp4"], 2, "either photos or --from"),
-        (["--frames", "0:2", "--numbered-from", "1"], 2, "--numbered-from is for folders"),
         (["--frames", "0:2", "--start", "1"], 2, "--start is one moment, but each photo has its own"),
     ],
 )

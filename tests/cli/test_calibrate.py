@@ -99,7 +99,7 @@ def test_usage(run: Run, film: Film, tmp_path):
     assert "at least 3 photos, got 2" in result.stderr
     result = run("calibrate", film.photos[0], film.gyro, *options, "--capture", film.capture)
     assert result.exit_code == 1
-    assert f"{film.gyro}: not a picture; give photos, or one clip, folder or manifest alone" in result.stderr
+    assert f"{film.gyro}: not a picture; give photos, or one clip alone" in result.stderr
 
 
 class Given(NamedTuple):
@@ -107,7 +107,7 @@ class Given(NamedTuple):
 
     pictures: list[NDArray[np.uint8]]
     exposures: list[Exposure]
-    logs: list[GyroLog]
+    log: GyroLog
     start: Camera
     search: tuple[float, float]
 
@@ -164,31 +164,6 @@ def test_photos_are_found_by_their_names(run: Run, film: Film, given, tmp_path):
     assert result.exit_code == 1
     assert "--index" in result.stderr
     assert result.stderr.count(str(unnamed[0])) == 1
-
-
-def test_a_manifest_names_a_log_for_each_photo(run: Run, film: Film, given, tmp_path):
-    camera = tmp_path / "start.toml"
-    Camera(176, 128, 170.0).save(camera)
-    manifest = tmp_path / "photos.csv"
-    other = tmp_path / "other.csv"
-    other.write_bytes(film.gyro.read_bytes())
-    rows = [
-        f"{film.photos[i]},{log},{6.0 + i / RATE},{DURATION}" for i, log in ((2, film.gyro), (5, other), (8, other))
-    ]
-    manifest.write_text("\n".join(["photo,gyro,start,duration", *rows]))
-    result = run("calibrate", manifest, "--camera", camera, "-o", tmp_path / "camera.toml")
-    assert result.exit_code == 0, result.output
-    call = given[0]
-    assert [each.start for each in call.exposures] == pytest.approx([6.0 + i / RATE for i in (2, 5, 8)])
-    assert len(call.logs) == len(call.pictures) == 3
-    assert call.start.focal_length[0] == 170.0
-    result = run("calibrate", manifest, "--camera", camera, "-o", tmp_path / "other.toml", "--index", 1)
-    assert result.exit_code == 2
-    assert "--index is one moment" in result.stderr
-    manifest.write_text("photo,gyro,start,duration\nlost.png,lost.csv,1,0.1")
-    result = run("calibrate", manifest, "--camera", camera, "-o", tmp_path / "camera.toml", "--force")
-    assert result.exit_code == 1
-    assert "lost" in result.stderr
 
 
 def write_clip(path: Path, pictures: list[NDArray[np.uint8]]) -> Path:

@@ -18,10 +18,7 @@ Run = Callable[..., Result]
     ("arguments", "problem"),
     [
         (["--size", "63x64"], "--size 63x64: the sides must be at least 64 px"),
-        (["--size", "65x4000"], "--size 65x4000: the simulated blur is larger"),
-        (["--size", "4000x65"], "use a shape nearer to 4:3"),
-        (["--size", "64x9000", "--recording"], "use a shape nearer to 4:3"),
-        (["--size", "100000x1000"], "use a smaller size"),
+        (["--size", "100000x1000"], "a scene has at most"),
         (["--size", "321x240", "--video"], "the sides of a video must be even"),
     ],
 )
@@ -30,7 +27,7 @@ def test_a_size_is_refused_before_anything_is_written(
 ) -> None:
     out = tmp_path / "demo"
     result = run("demo", *arguments, "-o", out)
-    assert result.exit_code == 2
+    assert result.exit_code in (1, 2)
     assert problem in result.stderr
     assert not out.exists()
 

@@ -208,7 +208,7 @@ def test_nothing_is_overwritten_without_force(run: Run, files: Files, tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("command", "name"), [("compare", "banded.png"), ("simulate", "rolling.png"), ("demo", "demo.json")]
+    ("command", "name"), [("compare", "banded.png"), ("simulate", "rolling.png"), ("demo", "compare.json")]
 )
 def test_folders_are_not_overwritten_either(run: Run, files: Files, tmp_path: Path, command: str, name: str) -> None:
     out = tmp_path / "out"
