@@ -23,8 +23,8 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._items import COLUMNS, Item, read_items
 from rsdeblur.cli._options import FILES, MANY, Command, Recording, Target, option, shared_threads
 from rsdeblur.cli._output import (
-    SOME_FAILED,
     check_page,
+    exit_if_failed,
     level,
     prepare_folder,
     print_json,
@@ -37,6 +37,7 @@ from rsdeblur.cli._output import (
     write_table,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
+from rsdeblur.cli._report import capture_warnings
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 from rsdeblur.pipeline.options import COMPUTING, Options
@@ -109,10 +110,10 @@ def command(
     jobs, threads = shared_threads(jobs, options.threads, alone=scheduler is None)
     earlier = _earlier(target.output / BATCH)
     prepare_folder(target.output, [TABLE, BATCH], force=target.force or bool(earlier), dry_run=target.dry_run)
-    options = replace(options, threads=threads)
-    batch = _Batch(target, options, earlier, refine_anyway=bool(refine))
-    batch.run(items, jobs, scheduler)
-    summary = batch.summary()
+    batch = _Batch(target, items, earlier)
+    begin = time.perf_counter()
+    batch.run(replace(options, threads=threads), bool(refine), jobs, scheduler)
+    summary = batch.summary() | {"seconds": time.perf_counter() - begin}
     if report is not None and not target.dry_run:
         rs.write_batch_page(report, batch.entries, title=source.name)
     if target.as_json:
@@ -122,8 +123,7 @@ def command(
     for entry in batch.entries:
         if "error" in entry:
             say_aside(f"error: {entry['error']}")
-    if summary["counts"].get("failed"):
-        click.get_current_context().exit(SOME_FAILED)
+    exit_if_failed(batch.entries)
 
 
 def _earlier(path: Path) -> dict[str, Any]:
@@ -136,35 +136,20 @@ def _earlier(path: Path) -> dict[str, Any]:
 
 
 class _Batch:
-    """A batch in progress.
+    """A batch in progress: `entries` are what is known about each item; those that are finished have a state."""
 
-    Attributes
-    ----------
-    entries : list of dict
-        What is known about each item; those that are finished have a state.
-    """
-
-    def __init__(
-        self,
-        target: Target,
-        options: Options,
-        earlier: dict[str, Any],
-        *,
-        refine_anyway: bool,
-    ) -> None:
-        self._target, self._options = target, options
-        self._refine_anyway, self._begin = refine_anyway, time.perf_counter()
+    def __init__(self, target: Target, items: list[Item], earlier: dict[str, Any]) -> None:
+        self._target, self._items = target, items
         # Recipe of the result that each name has or gets, and the earlier entries of results.
         self._recipes: dict[str, str] = dict(earlier.get("recipes", {}))
         self._earlier: list[Any] = earlier.get("items", [])
-        self.entries: list[dict[str, Any]] = []
-        # Folders that do not exist before their items start.
-        self._new_folders: set[Path] = set()
+        self.entries: list[dict[str, Any]] = [{"photo": str(item.photo)} for item in items]
 
-    def run(self, items: list[Item], jobs: int, scheduler: str | None) -> None:
+    def run(self, options: Options, refine_anyway: bool, jobs: int, scheduler: str | None) -> None:
         """Deblur the photos that are not done yet."""
-        self.entries = [{"photo": str(item.photo)} for item in items]
-        tasks = dict(self._tasks(items))
+        tasks = dict(self._tasks(options, refine_anyway))
+        # Folders that do not exist before their items start.
+        folders = {folder for job in tasks.values() for folder in job.output.parents if not folder.exists()}
         if tasks:
             # From now on a result with this name is of this recipe: it is written as a whole, or not at all.
             self._write({"items": self._earlier})
@@ -176,24 +161,25 @@ class _Batch:
                     with _as_row(self.entries[i]):
                         if isinstance(answer, rs.Failure):
                             raise InputError(answer.message)
-                        self._finish(tasks[i], items[i], self.entries[i], answer)
+                        self._finish(tasks[i], self._items[i], self.entries[i], answer)
                     if move is not None:
-                        finished, failed = (sum(key in entry for entry in self.entries) for key in ("state", "error"))
-                        move(f"{finished} of {len(items)}, {failed} failed", finished / len(items))
+                        finished = sum("state" in entry for entry in self.entries)
+                        move(f"{finished} of {len(self.entries)}", finished / len(self.entries))
         finally:
-            self._remove_empty_folders()
+            # A worker cannot remove folders of items that failed, as another may be about to write there.
+            for folder in sorted(folders, reverse=True):
+                with suppress(OSError):
+                    folder.rmdir()
             if self._earlier and all(entry.get("state") == "failed" for entry in self.entries):
                 say_aside(f"{TABLE} and {BATCH}: left as they are, because earlier results stand and none is new")
             else:
                 self._write(self.summary())
 
     def summary(self) -> dict[str, Any]:
-        """Return the finished entries, how many there are of each state and verdict, and the time in s."""
+        """Return the finished entries, and how many there are of each state and verdict."""
         finished = [entry for entry in self.entries if "state" in entry]
         verdicts = Counter(entry["check"]["verdict"] for entry in finished if entry.get("check"))
-        counts = Counter(entry["state"] for entry in finished)
-        seconds = time.perf_counter() - self._begin
-        return {"items": finished, "counts": dict(counts), "verdicts": dict(verdicts), "seconds": seconds}
+        return {"items": finished, "counts": Counter(entry["state"] for entry in finished), "verdicts": verdicts}
 
     def _write(self, summary: dict[str, Any]) -> None:
         if self._target.dry_run:
@@ -202,56 +188,47 @@ class _Batch:
         write_json(self._target.output / BATCH, content | {"digest": _digest(content)})
         write_table(self._target.output / TABLE, COLUMNS_OF_TABLE, map(_row, summary["items"]))
 
-    def _tasks(self, items: list[Item]) -> Iterator[tuple[int, PhotoJob]]:
+    def _tasks(self, options: Options, refine_anyway: bool) -> Iterator[tuple[int, PhotoJob]]:
         """Yield the jobs to do by the items' numbers; the other items get their states."""
         known = {entry["recipe"]: entry for entry in self._earlier if "check" in entry}
-        for i, (item, entry) in enumerate(zip(items, self.entries, strict=True)):
+        force, dry_run = self._target.force, self._target.dry_run
+        for i, (item, entry) in enumerate(zip(self._items, self.entries, strict=True)):
             with _as_row(entry):
-                if item.error is not None:
-                    raise InputError(item.error)
-                job, name = self._job(item), str(item.output)
-                recipe, exists = _recipe(job, name), job.output.exists()
-                if exists and not job.force and self._recipes.get(name) == recipe:
+                if item.recording is None or item.error is not None:
+                    raise InputError(item.error or "no recording")
+                job = PhotoJob(
+                    photo=item.photo,
+                    recording=item.recording,
+                    output=self._target.output / item.output,
+                    force=force,
+                    dry_run=dry_run,
+                    make_folder=True,
+                    options=options,
+                    refine_anyway=refine_anyway,
+                )
+                name, exists = str(item.output), job.output.exists()
+                recipe, recorded = _recipe(job, name), self._recipes.get(name)
+                if exists and not force and recorded == recipe:
                     entry |= known.get(recipe, {}) | entry | {"state": "skipped", "output": str(job.output)}
                     continue
-                if exists and not job.force and name in self._recipes:
+                if exists and not force and recorded:
                     raise OutputError(
                         f"{job.output}: the file exists; use force (--force) to replace it, or another folder: it was "
                         "made with other options or from other files, or these have another date"
                     )
                 if not exists:
                     self._recipes[name] = recipe
-                elif job.force:
+                elif force:
                     # Until it is replaced, the file is of another recipe.
                     self._recipes.pop(name, None)
-                self._new_folders.update(folder for folder in job.output.parents if not folder.exists())
                 entry |= {"output": str(job.output), "recipe": recipe}
                 yield i, job
-
-    def _job(self, item: Item) -> PhotoJob:
-        assert item.recording is not None
-        return PhotoJob(
-            photo=item.photo,
-            recording=item.recording,
-            output=self._target.output / item.output,
-            force=self._target.force,
-            dry_run=self._target.dry_run,
-            make_folder=True,
-            options=self._options,
-            refine_anyway=self._refine_anyway,
-        )
-
-    def _remove_empty_folders(self) -> None:
-        """Remove the folders of items that all failed; a worker cannot, as another may be about to write there."""
-        for folder in sorted(self._new_folders, reverse=True):
-            with suppress(OSError):
-                folder.rmdir()
 
     def _finish(self, job: PhotoJob, item: Item, entry: dict[str, Any], facts: dict[str, Any]) -> None:
         for message in facts.pop("warnings"):
             named = message if str(job.photo) in message else f"{job.photo}: {message}"
             warnings.warn(named, RsdeblurWarning, stacklevel=2)
-        entry |= facts | {"state": "checked" if self._target.dry_run else "done", "output": str(job.output)}
+        entry |= facts | {"state": "checked" if job.dry_run else "done", "output": str(job.output)}
         self._recipes[str(item.output)] = entry["recipe"]
 
 
@@ -266,13 +243,11 @@ def _as_row(entry: dict[str, Any]) -> Iterator[None]:
 
 def work(task: tuple[int, PhotoJob]) -> dict[str, Any]:
     """Deblur one photo, in a worker."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", RsdeblurWarning)
+    with capture_warnings(show=False) as messages:
         try:
             facts = deblur_photo(task[1])
         except click.ClickException as error:
             raise InputError(error.format_message()) from error
-    messages = [str(warning.message) for warning in caught if issubclass(warning.category, RsdeblurWarning)]
     return facts | {"warnings": messages}
 
 
@@ -303,12 +278,10 @@ def _recipe(job: PhotoJob, name: str) -> str:
     settings = [name, replace(job.options, threads=None), job.refine_anyway]
     settings += [value for key, value in asdict(job.recording).items() if key not in FILES]
     files = [job.photo, *(getattr(job.recording, key) for key in FILES)]
-    return hashlib.sha256(repr((settings, [_state(path) for path in files])).encode()).hexdigest()
+    return _digest(repr((settings, [path and _state(path) for path in files])))
 
 
-def _state(path: Path | None) -> tuple[str, int, int] | None:
-    if path is None:
-        return None
+def _state(path: Path) -> tuple[str, int, int]:
     try:
         status = path.stat()
     except (OSError, ValueError):  # ValueError: a name that no file can have
