@@ -163,8 +163,8 @@ class _Handler(BaseHTTPRequestHandler):
             return HTTPStatus.UNPROCESSABLE_ENTITY, {"error": str(error)}
         except MemoryError:
             return HTTPStatus.UNPROCESSABLE_ENTITY, {"error": "not enough memory; close other programs"}
-        except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-            raise _Refusal(HTTPStatus.BAD_REQUEST, "the body is not valid JSON") from error
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            raise _Refusal(HTTPStatus.BAD_REQUEST, f"the body is not the JSON of a form: {error}") from error
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
         """Send an error as plain text, and close the connection: the body may not have been read."""

@@ -21,9 +21,8 @@ from types import FrameType
 from typing import Any, NoReturn
 
 import click
-from click.shell_completion import get_completion_class
 
-from rsdeblur.cli._output import level, printable, say, say_aside, tolerant_output
+from rsdeblur.cli._output import level, printable, say_aside, tolerant_output
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
 # The most important ones first.
@@ -42,7 +41,6 @@ COMMANDS = (
     "info",
     "camera",
     "demo",
-    "completion",
 )
 # Exit codes of processes that a signal ended, as shells report them, are this and the signal's number.
 SIGNALLED = 128
@@ -69,8 +67,6 @@ class Commands(click.Group):
         """Import and return one command."""
         if cmd_name not in COMMANDS:
             return None
-        if cmd_name == completion.name:
-            return completion
         command: click.Command = import_module(f"rsdeblur.cli.{cmd_name}").command
         return command
 
@@ -194,22 +190,5 @@ def main() -> None:
     """
 
 
-@click.command(
-    "completion",
-    epilog="""\b
-Examples:
-  rsdeblur completion bash > ~/.local/share/bash-completion/completions/rsdeblur
-  rsdeblur completion zsh > ~/.zfunc/_rsdeblur
-  rsdeblur completion fish > ~/.config/fish/completions/rsdeblur.fish
-""",
-)
-@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-def completion(shell: str) -> None:
-    """Print the script that completes commands, options, choices and file names in SHELL."""
-    kind = get_completion_class(shell)
-    assert kind is not None  # click has all three
-    say(*kind(main, {}, "rsdeblur", "_RSDEBLUR_COMPLETE").source().splitlines())
-
-
 # click suggests these names for an unknown one; `get_command` imports them.
-main.commands.update(dict.fromkeys(COMMANDS, completion))
+main.commands.update(dict.fromkeys(COMMANDS, main))

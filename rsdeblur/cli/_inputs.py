@@ -19,7 +19,6 @@ from rsdeblur.cli._log import (
     gravity_of,
     known_log,
     read_log,
-    some_frames,
     warn_of_axes,
 )
 from rsdeblur.cli._options import Recording, flag
@@ -253,7 +252,7 @@ def warn_of_clip_gravity(
     clip: rs.Clip, recording: Recording, camera: rs.Camera, exposures: Sequence[rs.Exposure]
 ) -> None:
     """Warn where the accelerometer contradicts the camera's axes on average over frames of a video."""
-    gravity_of(clip.path, bottom_of_clip(clip.matrix), recording, camera, some_frames(exposures)).warn()
+    gravity_of(clip.path, bottom_of_clip(clip.matrix), recording, camera, exposures).warn()
 
 
 def _usage(message: str) -> click.UsageError:

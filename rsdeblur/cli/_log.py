@@ -116,11 +116,6 @@ def bottom_of_clip(matrix: tuple[int, ...] | None) -> float | None:
     return math.atan2(b, d) if a * d - b * c > 0 else None
 
 
-def some_frames(exposures: Sequence[rs.Exposure]) -> Sequence[rs.Exposure]:
-    """Return the exposures of some frames of a clip, for `gravity_of`."""
-    return exposures[:: -(-len(exposures) // CLIP_FRAMES)]
-
-
 class Gravity(NamedTuple):
     """Direction of gravity: whether it points to the bottom of the picture, and what is wrong if it points elsewhere.
 
@@ -145,6 +140,7 @@ def gravity_of(
     """
     # Other axes than those of the file are the user's, and the accelerometer is read in those of the file.
     log = None if bottom is None or recording.orientation else accelerometer(recording.gyro)
+    exposures = exposures[:: -(-len(exposures) // CLIP_FRAMES)]
     if log is None or bottom is None:
         return Gravity()
     angle = _turn(log, camera, exposures, bottom)
@@ -154,7 +150,13 @@ def gravity_of(
     if abs(angle) > TOP and file.format not in ONE_SIGN:
         return Gravity()
     side = "top" if abs(angle) > TOP else "right" if angle > 0 else "left"
-    fits = _presets(log, file.axes, camera, exposures, bottom)
+    fits = " or ".join(
+        name
+        for name in rs.PRESETS
+        if (file.axes == "sensor" or name.startswith(file.axes))
+        and (turn := _turn(log, replace(camera, imu_to_camera=rs.imu_to_camera(name)), exposures, bottom)) is not None
+        and abs(turn) < ASIDE
+    )
     return Gravity(
         problem=f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {picture}: if the picture "
         f"is viewed upright, imu_to_camera in {recording.camera} is wrong" + (f" ({fits} fits)" if fits else "")
@@ -167,13 +169,3 @@ def _turn(log: rs.AccelerationLog, camera: rs.Camera, exposures: Sequence[rs.Exp
     if not angles:
         return None
     return math.remainder(math.atan2(sum(map(math.sin, angles)), sum(map(math.cos, angles))) - bottom, math.tau)
-
-
-def _presets(
-    log: rs.AccelerationLog, axes: str, camera: rs.Camera, exposures: Sequence[rs.Exposure], bottom: float
-) -> str:
-    """Return the presets of a log in `axes` with which gravity points to the bottom of the picture."""
-    names = [name for name in rs.PRESETS if axes == "sensor" or name.startswith(axes)]
-    cameras = (replace(camera, imu_to_camera=rs.imu_to_camera(name)) for name in names)
-    turns = [_turn(log, each, exposures, bottom) for each in cameras]
-    return " or ".join(name for name, turn in zip(names, turns, strict=True) if turn is not None and abs(turn) < ASIDE)

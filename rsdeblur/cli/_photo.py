@@ -228,16 +228,10 @@ def facts_of(result: rs.DeblurResult, output: Path, mode: Mode, prior: str, seco
     return {
         "output": str(output),
         "mode": mode,
-        "bands": result.bands,
-        "strips": result.strips,
         "psf_px": list(result.psfs.size[::-1]),
         "prior": prior,
-        "nsr": result.nsr,
-        "weight": result.weight,
-        "noise": result.noise,
-        "chroma": result.chroma,
+        **{name: getattr(result, name) for name in ("bands", "strips", "nsr", "weight", "noise", "chroma", "timings")},
         "seconds": seconds,
-        "timings": result.timings,
         "check": None if result.check is None else asdict(result.check),
         "refinement": None if result.refinement is None else refinement_facts(result.refinement),
     }
@@ -278,13 +272,9 @@ def moment_facts(recording: Recording, inputs: Inputs) -> dict[str, float]:
 def refinement_facts(refinement: rs.Refinement) -> dict[str, Any]:
     """Return the facts about a correction of the recording, for JSON."""
     return {
-        "accepted": refinement.accepted,
-        "reason": refinement.reason,
+        **{name: getattr(refinement, name) for name in ("accepted", "reason", "confidence", "gain", "fall")},
         "values": asdict(refinement.values),
         "sd": asdict(refinement.sd),
-        "confidence": refinement.confidence,
-        "gain": refinement.gain,
-        "fall": refinement.fall,
         "regions": None if refinement.regions is None else refinement.regions.tolist(),
     }
 

@@ -49,25 +49,6 @@ def complete(page: rs.Page, recording: Recording, options: Options, texts: Seque
     return page._replace(settings=_settings(page, recording, options), remarks=remarks)
 
 
-def _corrections(refinement: Mapping[str, Any]) -> dict[str, str]:
-    """Return the numbers of a correction of the recording with their standard deviations."""
-    labels = {
-        "scale": "focal length, logarithm of the factor",
-        "drift_x": "drift along x, px",
-        "drift_y": "drift along y, px",
-        "offset": "time offset, s",
-        "readout": "readout time, logarithm of the factor",
-        "roll": "roll bias, rad/s",
-        "acceleration_x": "acceleration along x, px/s²",
-        "acceleration_y": "acceleration along y, px/s²",
-    }
-    values = {
-        label: f"{refinement['values'][name]:+.3g} ± {refinement['sd'][name]:.2g}" for name, label in labels.items()
-    }
-    verdict = "yes" if refinement["accepted"] else f"no: {refinement['reason']}"
-    return values | {"confidence": f"{refinement['confidence']:.2f}", "accepted": verdict}
-
-
 def _settings(page: rs.Page, recording: Recording, options: Options) -> dict[str, dict[str, str]]:
     report, picture, log, camera, exposure, *_ = page
     orientation = rs.Exif(picture.exif).orientation
@@ -82,7 +63,6 @@ def _settings(page: rs.Page, recording: Recording, options: Options) -> dict[str
         },
         "Recording": asdict(recording),
         "Blur and solver": options.recorded | {"mode": ", ".join(report["modes"]), "transfer": page.transfer},
-        "Correction by the picture": _corrections(report["refinement"]) if "refinement" in report else {},
         "Exposure": {"start, s": exposure.start, "duration, s": exposure.duration, "origin, ns": exposure.epoch_ns},
         "Gyro log": {"samples": len(log), "rate, Hz": log.rate, "span, s": log.span, "origin, ns": log.epoch_ns},
         "Camera": {each.name: getattr(camera, each.name) for each in fields(camera)},
@@ -91,7 +71,6 @@ def _settings(page: rs.Page, recording: Recording, options: Options) -> dict[str
     return {
         title: {name.replace("_", " "): text for name, value in rows.items() if (text := _text(value))}
         for title, rows in tables.items()
-        if rows
     }
 
 

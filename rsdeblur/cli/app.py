@@ -201,7 +201,7 @@ class Desk:
     def _solve(self, form: Mapping[str, Any]) -> dict[str, Any]:
         """Deblur the crop that the form names."""
         begin = time.perf_counter()
-        scale = number_of(form, "scale", 1.0, 0.2, 1.0)
+        scale = max(0.2, min(float(form.get("scale", 1.0)), 1.0))
         with self._busy, capture_warnings(show=False) as notes:
             words, basis = self._tuned(form)
             # The options by which the command deblurs as the page does.
@@ -210,7 +210,9 @@ class Desk:
             ready = _ready(_request(words))
             options = replace(ready.options, check=bool(form.get("check")))
             picture, log, camera, exposure = ready.inputs
-            crop = rs.Crop(*box_of(form)).within(camera)
+            left, top, width, height = map(int, form["box"])
+            # Larger crops would be solved too slowly.
+            crop = rs.Crop(left, top, min(width, 1024), min(height, 1024)).within(camera)
             with ready.naming:
                 result = rs.solve_crop(picture.pixels, log, camera, exposure, options, basis, crop, scale=scale)
         answer = _shown(result, ready, crop, draft=scale < 1.0)
@@ -227,7 +229,7 @@ class Desk:
     def _tuned(self, form: Mapping[str, Any]) -> tuple[list[str], rs.Basis]:
         """Return the arguments that a form means, and the strengths that they choose."""
         states = [file_state(Path(path_of(form, name))) for name in ("photo", *FILES)]
-        words = arguments(form, moved_of(form))
+        words = arguments(form, {name: form.get("moved", {}).get(name) or form.get(name) for name in MOVED})
         try:
             basis = self._basis(tuple(arguments(form)), *states)
         except CoverageError:
@@ -246,24 +248,20 @@ class Desk:
         with self._saving:
             if self._thread is not None and self._thread.is_alive():
                 raise InputError("a picture is being saved")
-            job = self._job_of(form)
+            if not text_of(form, "output"):
+                raise InputError("choose the name of the result")
+            with self._busy:
+                photo, recording, options = _request(self._tuned(form)[0])
+            output = Path(path_of(form, "output"))
+            if output.exists():
+                # The page has no --force.
+                raise OutputError(f"{output}: the file exists; choose another name")
+            rs.check_writable(output, force=False)
             self._job = Job()
+            job = PhotoJob(photo=photo, recording=recording, options=options, output=output)
             self._thread = threading.Thread(target=self._run, args=(job, self._job))
             self._thread.start()
         return self._progress(form)
-
-    def _job_of(self, form: Mapping[str, Any]) -> PhotoJob:
-        """Return what saving deblurs and where it writes."""
-        if not text_of(form, "output"):
-            raise InputError("choose the name of the result")
-        with self._busy:
-            photo, recording, options = _request(self._tuned(form)[0])
-        output = Path(path_of(form, "output"))
-        if output.exists():
-            # The page has no --force.
-            raise OutputError(f"{output}: the file exists; choose another name")
-        rs.check_writable(output, force=False)
-        return PhotoJob(photo=photo, recording=recording, options=options, output=output)
 
     def _run(self, photo: PhotoJob, job: Job) -> None:
         try:
@@ -279,8 +277,7 @@ class Desk:
             raise
 
     def _progress(self, form: Mapping[str, Any]) -> dict[str, Any]:
-        job = self._job
-        return {"stage": job.stage, "fraction": job.fraction, "facts": job.facts, "error": job.error}
+        return asdict(self._job)
 
     def _cancel(self, form: Mapping[str, Any]) -> dict[str, Any]:
         self._job.cancelled = True
@@ -372,10 +369,7 @@ def arguments(form: Mapping[str, Any], moved: Mapping[str, Any] | None = None) -
 
 def text_of(form: Mapping[str, Any], name: str) -> str:
     """Return a text of a form without spaces around it; empty if it is missing."""
-    value = form.get(name)
-    if value is not None and not isinstance(value, str):
-        raise InputError(f"{name} must be a text, got {value!r}")
-    return (value or "").strip()
+    return str(form.get(name) or "").strip()
 
 
 def path_of(form: Mapping[str, Any], name: str) -> str:
@@ -384,30 +378,6 @@ def path_of(form: Mapping[str, Any], name: str) -> str:
     return str(Path(text).expanduser().absolute()) if text else ""
 
 
-def moved_of(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the texts of the sliders that were moved, by the names of their options."""
-    moved = form.get("moved", {})
-    if not isinstance(moved, dict) or not moved.keys() <= set(MOVED):
-        raise InputError(f"moved must name sliders, got {moved!r}")
-    return moved
-
-
 def power_of(form: Mapping[str, Any]) -> float:
     """Return by how many powers of ten the strength differs from the automatic one."""
-    return number_of(form, "power", 0.0, -3.0, 3.0)
-
-
-def number_of(form: Mapping[str, Any], name: str, default: float, least: float, most: float) -> float:
-    """Return a number of a form that must be between two others; the default if it is missing."""
-    value = form.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
-        raise InputError(f"{name} must be a number from {least:g} to {most:g}, got {value!r}")
-    return float(value)
-
-
-def box_of(form: Mapping[str, Any]) -> list[int]:
-    """Return left, top, width and height of the crop, px; larger ones would be solved too slowly."""
-    box = form.get("box")
-    if not (isinstance(box, list) and len(box) == 4 and all(type(n) is int and n >= 0 for n in box)):
-        raise InputError(f"box must be four whole numbers, got {box!r}")
-    return [*box[:2], *(min(n, 1024) for n in box[2:])]
+    return max(-3.0, min(float(form.get("power", 0.0)), 3.0))

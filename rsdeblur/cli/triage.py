@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any, NamedTuple
 
 import click
@@ -78,10 +79,8 @@ def command(
     output: Path | None = target.output
     if output is not None:
         prepare_folder(output, [TABLE, REPORT, PLOT], force=target.force)
-    import numpy as np
-
     if drop < keep:
-        raise click.UsageError("--drop must be at least --keep", ctx=click.get_current_context())
+        raise click.UsageError("--drop must be at least --keep")
     rs.check_thresholds(keep, drop)
     is_clip = source.is_file() and source.suffix.lower() not in MANIFESTS
     if is_clip:
@@ -98,15 +97,17 @@ def command(
             blurs.append((math.nan, shot.reason) if shot.recording is None else rs.blur_of(*shot.recording))
             if move is not None:
                 move(f"{i + 1} of {len(shots)}", (i + 1) / len(shots))
-    judged = rs.Triage(np.array([length for length, _ in blurs]), tuple(reason for _, reason in blurs), keep, drop)
-    times = _times(shots)
-    entries = _entries(shots, times, judged)
+    lengths, reasons = zip(*blurs, strict=True)
+    import numpy as np
+
+    judged = rs.Triage(np.array(lengths), reasons, keep, drop)
+    entries = _entries(shots, judged)
     report = {"keep_px": keep, "drop_px": drop, "counts": judged.counts, "items": entries}
     if output is not None:
         write_table(output / TABLE, list(dict.fromkeys(name for entry in entries for name in entry)), entries)
         write_json(output / REPORT, report)
         with atomic_write(output / PLOT) as file:
-            file.write(rs.timeline_svg(times, judged))
+            file.write(rs.timeline_svg([entry["time_s"] for entry in entries], judged))
     if target.as_json:
         print_json(report)
     else:
@@ -119,9 +120,9 @@ def command(
 def _frames(source: Path, recording: Recording) -> list[_Shot]:
     """Return the frames of a video; only their timestamps are read."""
     require(recording, "gyro", "camera")
-    log, camera = read_device(recording)
+    device = read_device(recording)
     exposures = clip_exposures(rs.open_clip(source), recording)
-    return [_Shot({"frame": i}, (log, camera, exposure)) for i, exposure in enumerate(exposures)]
+    return [_Shot({"frame": i}, (*device, exposure)) for i, exposure in enumerate(exposures)]
 
 
 def _photos(source: Path, recording: Recording, numbered_from: int | None, output: Path | None) -> list[_Shot]:
@@ -138,39 +139,28 @@ def _photos(source: Path, recording: Recording, numbered_from: int | None, outpu
     return shots
 
 
-def _times(shots: Sequence[_Shot]) -> list[float | None]:
-    """Return the start of each exposure, in s after the first one."""
+def _entries(shots: Sequence[_Shot], judged: rs.Triage) -> list[dict[str, Any]]:
+    """Return what is known about each picture; times are those after the first start of an exposure."""
     exposures = [None if shot.recording is None else shot.recording[2] for shot in shots]
     # Timestamps of 64 bits are exact as integers only.
-    timestamps = [None if each is None else each.epoch_ns + round(1e9 * each.start) for each in exposures]
-    first = min((timestamp for timestamp in timestamps if timestamp is not None), default=0)
-    return [None if timestamp is None else 1e-9 * (timestamp - first) for timestamp in timestamps]
-
-
-def _entries(shots: Sequence[_Shot], times: Sequence[float | None], judged: rs.Triage) -> list[dict[str, Any]]:
-    columns = zip(shots, times, judged.lengths.tolist(), judged.decisions, judged.reasons, strict=True)
+    starts = [None if each is None else each.epoch_ns + round(1e9 * each.start) for each in exposures]
+    first = min((start for start in starts if start is not None), default=0)
+    columns = zip(shots, starts, judged.lengths.tolist(), judged.decisions, judged.reasons, strict=True)
     return [
-        {
-            **shot.name,
-            "time_s": time,
-            "blur_px": None if math.isnan(length) else length,
-            "decision": decision,
-            "reason": reason,
-        }
-        for shot, time, length, decision, reason in columns
+        shot.name
+        | {"time_s": None if start is None else 1e-9 * (start - first)}
+        | {"blur_px": None if math.isnan(length) else length, "decision": decision, "reason": reason}
+        for shot, start, length, decision, reason in columns
     ]
 
 
 def _print(source: Path, judged: rs.Triage, output: Path | None) -> None:
-    import numpy as np
-
     counts = ", ".join(f"{count} {decision}" for decision, count in judged.counts.items() if count)
-    known = judged.lengths[np.isfinite(judged.lengths)]
-    largest = f"; median {np.median(known):.1f} px, largest {known.max():.1f} px" if len(known) else ""
-    say(f"{source}: {counts}{largest}")
+    known = [length for length in judged.lengths.tolist() if not math.isnan(length)]
+    say(f"{source}: {counts}" + (f"; median {median(known):.1f} px, largest {max(known):.1f} px" if known else ""))
     reasons = [reason for reason in judged.reasons if reason is not None]
     # The reason of an error is printed at the end.
-    if reasons and len(known):
+    if reasons and known:
         say(f"  {len(reasons)} unknown, the first: {reasons[0]}")
     if output is not None:
         say(f"  see {output / TABLE}, {output / REPORT} and {output / PLOT}")

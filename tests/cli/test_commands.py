@@ -345,10 +345,3 @@ def test_times_from_exif(run: Run, files: Files, tmp_path: Path, monkeypatch: py
     start_ns = noon_ns + round(1e9 * START)
     assert run(*base, "--start-ns", start_ns, "-o", tmp_path / "b.png").exit_code == 0
     np.testing.assert_array_equal(read_picture(tmp_path / "a.png").pixels, read_picture(tmp_path / "b.png").pixels)
-
-
-def test_completion(run: Run) -> None:
-    for shell in ("bash", "zsh", "fish"):
-        result = run("completion", shell)
-        assert result.exit_code == 0
-        assert "_RSDEBLUR_COMPLETE" in result.stdout
