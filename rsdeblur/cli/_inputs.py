@@ -83,9 +83,10 @@ def checked_offset(found: rs.OffsetSearch, photos: Sequence[Path]) -> float:
     return found.time_offset
 
 
-def recordings_of(photos: Sequence[Path], recording: Recording, numbered_from: int | None) -> list[Recording]:
+def recordings_of(photos: Sequence[Path], recording: Recording) -> list[Recording]:
     """Return the recording of each photo; several photos need moments of their own."""
-    if numbered_from is not None and (len(photos) == 1 or recording.capture is None or recording.start == "exif"):
+    is_listed = len(photos) > 1 and recording.capture is not None and recording.start != "exif"
+    if recording.numbered_from is not None and not is_listed:
         raise _usage("--numbered-from is for several photos whose exposures are in --capture")
     if len(photos) == 1:
         return [recording]
@@ -96,15 +97,16 @@ def recordings_of(photos: Sequence[Path], recording: Recording, numbered_from: i
             f"{len(photos)} photos, but {found}; use --start exif, --capture with photos named after their "
             "timestamps or frame numbers, or a manifest: rsdeblur batch"
         )
-    if recording.capture is None or recording.start == "exif":
+    if not is_listed:
         return [recording] * len(photos)
-    return [replace(recording, index=index) for index in indices_of(photos, recording.capture, numbered_from)]
+    return [replace(recording, index=index) for index in indices_of(photos, recording)]
 
 
-def indices_of(photos: Sequence[Path], capture: Path, numbered_from: int | None) -> list[int]:
-    """Return the number of each photo's exposure in a capture file; raise `FileFormatError` if its name has none."""
+def indices_of(photos: Sequence[Path], recording: Recording) -> list[int]:
+    """Return the number of each photo's exposure in the capture file; raise an error if its name has none."""
+    assert recording.capture is not None
     indices = []
-    for match in rs.indices_of(list(photos), capture, numbered_from=numbered_from):
+    for match in rs.indices_of(list(photos), recording.capture, numbered_from=recording.numbered_from):
         if match.index is None:
             raise FileFormatError(f"{match.path}: {match.error}")
         indices.append(match.index)

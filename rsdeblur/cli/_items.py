@@ -47,12 +47,12 @@ class Item:
         return [self.photo, *(path for path in own if path is not None)]
 
 
-def read_items(source: Path, defaults: Recording, output: Path, *, numbered_from: int | None) -> list[Item]:
+def read_items(source: Path, defaults: Recording, output: Path) -> list[Item]:
     """Return the items of a manifest or of a session folder, in its order."""
     start = None if defaults.start == "exif" else defaults.start
     refuse_given(ONE_OF_MANY, index=defaults.index, start=start, start_ns=defaults.start_ns)
     _check_shared(defaults)
-    found = _session(source, defaults, output, numbered_from) if source.is_dir() else _manifest(source, defaults)
+    found = _session(source, defaults, output) if source.is_dir() else _manifest(source, defaults)
     items = list(found)
     return list(_without_clashes(items, output, _places([source, *(path for item in items for path in item.inputs)])))
 
@@ -101,7 +101,7 @@ def _places(paths: Iterable[Path]) -> set[Place]:
     return places
 
 
-def _session(folder: Path, defaults: Recording, output: Path, numbered_from: int | None) -> Iterator[Item]:
+def _session(folder: Path, defaults: Recording, output: Path) -> Iterator[Item]:
     if defaults.start == "exif":
         files = rs.files_in(folder, without=output)
         gyro, camera = defaults.gyro or rs.gyro_log_in(folder, files), defaults.camera or rs.camera_in(files)
@@ -109,7 +109,7 @@ def _session(folder: Path, defaults: Recording, output: Path, numbered_from: int
             yield _item(path, result_name(path.relative_to(folder)), {"gyro": gyro, "camera": camera}, defaults)
         return
     session = rs.open_session(
-        folder, gyro=defaults.gyro, capture=defaults.capture, numbered_from=numbered_from, without=output
+        folder, gyro=defaults.gyro, capture=defaults.capture, numbered_from=defaults.numbered_from, without=output
     )
     known = {"gyro": session.gyro, "capture": session.capture, "camera": defaults.camera or session.camera}
     for photo in session.photos:

@@ -18,7 +18,7 @@ import click
 from rsdeblur.choices import Mode
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _types
-from rsdeblur.cli._output import LEVEL, refuse_inputs
+from rsdeblur.cli._output import LEVEL, check_output, refuse_inputs
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.pipeline.options import BLUR, COMPUTING, SOLVER, Options
 
@@ -113,6 +113,9 @@ class Recording:
     )
     capture: Path | None = _given(_types.PATH, "Metadata file that contains the exposures.", metavar="FILE")
     index: int | None = _given(_types.INDEX, "Number of the exposure in --capture, counted from 0.")
+    numbered_from: int | None = _given(
+        click.IntRange(0, 1), "Number of the first frame in the photos' names.  [default: derived from the names]"
+    )
     start_ns: int | None = _given(
         _types.NANOSECONDS,
         "Timestamp in ns, camera clock: the start of the first row (of the first frame), unless the camera file sets "
@@ -157,9 +160,10 @@ class Recording:
 FILES = ("gyro", "camera", "capture")
 READING = ("gyro_format", "unit", "orientation", "rate")
 TRACK = ("translation", "translation_axes", "depth", "drift")
-ONE_PHOTO = tuple(each.name for each in fields(Recording))
+ONE_PHOTO = tuple(each.name for each in fields(Recording) if each.name != "numbered_from")
 # Options of commands for several photos or frames, which have moments of their own.
 MANY = tuple(name for name in ONE_PHOTO if name not in TRACK)
+SERIES = (*MANY, "numbered_from")
 CLIP = tuple(name for name in MANY if name != "index")
 SOLVE = tuple(each.name for each in fields(Options) if each.metadata.get("help"))
 # Of commands that show many results of one photo.
@@ -273,19 +277,6 @@ refine_option = option(
     help="Correct focal length, clock, readout and motion by the picture first; takes some seconds.  [default: yes, "
     "unless --quality is fast or --max-memory is given]",
 )
-numbered_from_option = option(
-    "--numbered-from",
-    section=RECORDING,
-    type=click.IntRange(0, 1),
-    help="Number of the first frame in the photos' names.  [default: derived from the names]",
-)
-report_option = option(
-    "--report",
-    section=OUTPUT,
-    type=_types.PATH,
-    metavar="HTML",
-    help="Also write a page that shows the results in a browser.",
-)
 json_option = option("--json", "as_json", section=OUTPUT, is_flag=True, help="Print JSON.")
 
 
@@ -334,12 +325,16 @@ def with_refinement(options: Options, asked: bool | None) -> Options:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """File or folder of the result, None where a command needs none, and what the command prints."""
+    """File or folder of the result, None where a command needs none, and what the command prints.
+
+    `report` is the page to write, if one is asked for.
+    """
 
     output: Path
     force: bool
     as_json: bool
     dry_run: bool = False
+    report: Path | None = None
 
 
 def target_options(
@@ -349,8 +344,9 @@ def target_options(
     default: Callable[..., Path] | None = None,
     required: bool = True,
     dry_run: bool = False,
+    report: bool = False,
 ) -> Decorator:
-    """Return a decorator that adds --output, --force, --json and, if requested, --dry-run as one `target`.
+    """Return a decorator that adds --output, --force, --json and, if requested, --dry-run and --report as one `target`.
 
     An output that is an input of the command is refused. `default` returns the output where none is given, from the
     other arguments of the command.
@@ -366,14 +362,27 @@ def target_options(
             option("--dry-run", section=OUTPUT, is_flag=True, help="Read and check all inputs, and write nothing.")
         )
 
+    if report:
+        page = "Also write a page that shows the results in a browser."
+        shared.append(option("--report", section=OUTPUT, type=_types.PATH, metavar="HTML", help=page))
+
     def decorate(function: Function) -> Function:
         @wraps(function)
-        def call(output: Path, force: bool, as_json: bool, dry_run: bool = False, **arguments: Any) -> Any:
+        def call(
+            output: Path,
+            force: bool,
+            as_json: bool,
+            dry_run: bool = False,
+            report: Path | None = None,
+            **arguments: Any,
+        ) -> Any:
             if default is not None and output is None:
                 output = default(**arguments)
             if output is not None:
                 refuse_inputs(output)
-            return function(target=Target(output, force, as_json, dry_run), **arguments)
+            if report is not None:
+                check_output(report, force=force, suffixes=(".html", ".htm"), kind="the report is an HTML page")
+            return function(target=Target(output, force, as_json, dry_run, report), **arguments)
 
         decorated: Function = call
         for each in reversed(shared):

@@ -161,12 +161,6 @@ def check_output(path: Path, *, force: bool, suffixes: Sequence[str] = (), kind:
     check_target(path, force=force)
 
 
-def check_page(path: Path | None, *, force: bool) -> None:
-    """Check that the page of a report can be written, if one is asked for; see `check_output`."""
-    if path is not None:
-        check_output(path, force=force, suffixes=(".html", ".htm"), kind="the report is an HTML page")
-
-
 def check_camera_file(path: Path, *, force: bool) -> None:
     """Check that a camera file can be written; see `check_output`."""
     check_output(path, force=force, suffixes=(".toml",), kind="a camera file is TOML")

@@ -21,9 +21,8 @@ from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._items import COLUMNS, Item, read_items
-from rsdeblur.cli._options import FILES, MANY, Command, Recording, Target, option, shared_threads
+from rsdeblur.cli._options import FILES, SERIES, Command, Recording, Target, option, shared_threads
 from rsdeblur.cli._output import (
-    check_page,
     exit_if_failed,
     level,
     prepare_folder,
@@ -72,8 +71,7 @@ Examples:
 
 @click.command("batch", cls=Command, help=HELP, epilog=EXAMPLES)
 @click.argument("source", type=PATH, metavar="MANIFEST|FOLDER")
-@_options.recording_options(*MANY, required=())
-@_options.numbered_from_option
+@_options.recording_options(*SERIES, required=())
 @_options.solve_options(*(name for name in _options.SOLVE if name != "refine"))
 @_options.refine_option
 @_options.jobs_option("processes", "half the number of cores")
@@ -88,25 +86,22 @@ Examples:
     "Folder to write to.  [default: MANIFEST-sharp or FOLDER-sharp beside it]",
     default=lambda source, **_: _options.beside(source, SHARP),
     dry_run=True,
+    report=True,
 )
-@_options.report_option
 def command(
     source: Path,
     recording: Recording,
-    numbered_from: int | None,
     options: Options,
     refine: bool | None,
     jobs: int | None,
     scheduler: str | None,
     target: Target,
-    report: Path | None,
 ) -> None:
     """Deblur the photos of a manifest or of a session folder."""
     options = _options.with_refinement(options, refine)
-    items = read_items(source, recording, target.output, numbered_from=numbered_from)
+    items = read_items(source, recording, target.output)
     if not items:
         raise InputError(f"{source}: there is nothing to do, because no photo is listed")
-    check_page(report, force=target.force)
     jobs, threads = shared_threads(jobs, options.threads, alone=scheduler is None)
     earlier = _earlier(target.output / BATCH)
     prepare_folder(target.output, [TABLE, BATCH], force=target.force or bool(earlier), dry_run=target.dry_run)
@@ -114,8 +109,8 @@ def command(
     begin = time.perf_counter()
     batch.run(replace(options, threads=threads), bool(refine), jobs, scheduler)
     summary = batch.summary() | {"seconds": time.perf_counter() - begin}
-    if report is not None and not target.dry_run:
-        rs.write_batch_page(report, batch.entries, title=source.name)
+    if target.report is not None and not target.dry_run:
+        rs.write_batch_page(target.report, batch.entries, title=source.name)
     if target.as_json:
         print_json(summary)
     else:

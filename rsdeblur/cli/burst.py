@@ -26,7 +26,6 @@ from rsdeblur.cli._inputs import (
 )
 from rsdeblur.cli._options import CLIP, ONE_OF_MANY, SOLVE, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import (
-    check_page,
     print_json,
     progress,
     say,
@@ -77,7 +76,6 @@ def frame_numbers(text: str) -> list[int]:
     metavar="N",
     help="Number of the frame whose pose the result has, one of --frames.  [default: the best]",
 )
-@_options.report_option
 @_options.recording_options(*CLIP)
 @option(
     "--mode",
@@ -89,13 +87,12 @@ def frame_numbers(text: str) -> list[int]:
 )
 # `--mode` has a value more than that of other commands. Colours of several frames have the full resolution.
 @_options.solve_options(*(name for name in SOLVE if name not in ("mode", "chroma")))
-@_options.target_options("OUT", "Picture to write.")
+@_options.target_options("OUT", "Picture to write.", report=True)
 def command(
     photos: tuple[Path, ...],
     clip: Path | None,
     frames: list[int],
     reference: int | None,
-    report: Path | None,
     mode: Mode | Auto,
     recording: Recording,
     options: Options,
@@ -112,13 +109,12 @@ def command(
     if reference is not None and reference not in frames:
         raise click.UsageError(f"--reference {reference} is not one of --frames")
     rs.check_writable(target.output, force=target.force)
-    check_page(report, force=target.force)
     shots = _from_clip(clip, frames, recording) if clip else _from_photos(photos, frames, recording)
     with naming(None, recording), capture_warnings() as texts:
         facts, result = _deblurred(shots, mode, options, target, reference=reference)
-    if report is not None:
+    if target.report is not None:
         compared = _compared(clip or photos[result.reference], shots, facts, result, options)
-        rs.write_page(report, complete(compared, recording, options, texts))
+        rs.write_page(target.report, complete(compared, recording, options, texts))
     if target.as_json:
         print_json(facts)
     else:

@@ -38,7 +38,7 @@ SEARCH, PHOTO_SEARCH = (-1.0, 1.0), (-0.03, 0.03)
 
 
 # Options that say where the files are, and when the pictures were taken.
-GIVEN = tuple(name for name in _options.MANY if name not in ("time_offset", "readout_time", "focal_length"))
+GIVEN = tuple(name for name in _options.SERIES if name not in ("time_offset", "readout_time", "focal_length"))
 
 
 class Photos(NamedTuple):
@@ -53,7 +53,6 @@ class Photos(NamedTuple):
 @click.command("calibrate", cls=Command, epilog=EXAMPLES)
 @click.argument("sources", type=PATH, metavar="CLIP|PHOTO...", nargs=-1, required=True)
 @_options.recording_options(*GIVEN, required=("gyro",))
-@_options.numbered_from_option
 @option(*("--from", "first"), type=SECONDS, help="First time offset.  [default: -1s; -30ms where the blur counts]")
 @option(*("--to", "last"), type=SECONDS, help="Last time offset.  [default: 1s; 30ms where the blur counts]")
 @option(
@@ -67,7 +66,6 @@ class Photos(NamedTuple):
 def command(
     sources: tuple[Path, ...],
     recording: Recording,
-    numbered_from: int | None,
     first: float | None,
     last: float | None,
     frames: int,
@@ -90,7 +88,7 @@ def command(
     check_camera_file(target.output, force=target.force)
     name = sources[0]
     with progress("calibrate") as move, naming(name, recording):
-        film = _film(sources, recording, numbered_from, frames)
+        film = _film(sources, recording, frames)
         is_clip = _is_clip(film)
         usual = SEARCH if is_clip else PHOTO_SEARCH
         search = usual[0] if first is None else first, usual[1] if last is None else last
@@ -117,16 +115,16 @@ def _is_clip(film: Photos) -> bool:
     return near >= rs.LEAST_PAIRS
 
 
-def _film(sources: Sequence[Path], recording: Recording, numbered_from: int | None, count: int) -> Photos:
+def _film(sources: Sequence[Path], recording: Recording, count: int) -> Photos:
     """Return the pictures to use, their exposures and logs, and the camera with the start values."""
     log = read_log(recording).log
     others = [source for source in sources if not rs.is_picture(rs.Source(source, "video or picture"))]
     if others and len(sources) > 1:
         raise FileFormatError(f"{others[0]}: not a picture; give photos, or one clip alone")
     if not others:
-        pictures, exposures, size = _photos(sources, recording, numbered_from)
+        pictures, exposures, size = _photos(sources, recording)
     else:
-        refuse_given(FOR_PHOTOS, index=recording.index, numbered_from=numbered_from)
+        refuse_given(FOR_PHOTOS, index=recording.index)
         clip = rs.open_clip(sources[0])
         if len(clip) <= rs.LEAST_PAIRS:
             raise InputError(
@@ -149,7 +147,7 @@ def _runs(length: int, count: int) -> list[range]:
 
 
 def _photos(
-    photos: Sequence[Path], recording: Recording, numbered_from: int | None
+    photos: Sequence[Path], recording: Recording
 ) -> tuple[Iterator[rs.NDArray[Any]], list[rs.Exposure], tuple[int, int]]:
     if recording.capture is None:
         raise click.UsageError("photos need --capture FILE, which lists their exposures")
@@ -157,7 +155,7 @@ def _photos(
     index = recording.index
     if index is None and len(exposures) != len(photos):
         try:
-            exposures = [exposures[i] for i in indices_of(photos, recording.capture, numbered_from)]
+            exposures = [exposures[i] for i in indices_of(photos, recording)]
         except FileFormatError as error:
             raise FileFormatError(f"{error}; or give --index, the number of the first photo") from error
     exposures = exposures[index or 0 :]

@@ -14,7 +14,7 @@ from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, transfer_of
 from rsdeblur.cli._options import Command, Recording, Target, option
-from rsdeblur.cli._output import check_page, prepare_folder, print_json, print_table, progress, say, write_json
+from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, say, write_json
 from rsdeblur.cli._photo import Prepared, facts_of, moment_facts, prepare, refinement_facts, remarks
 from rsdeblur.cli._report import capture_warnings, complete
 from rsdeblur.cli._types import PATH
@@ -49,15 +49,14 @@ Examples:
     "DIR",
     "Folder to write to.  [default: PHOTO-compare beside the photo]",
     default=lambda photo, **_: _options.beside(photo, "-compare"),
+    report=True,
 )
-@_options.report_option
 def command(
     photo: Path,
     recording: Recording,
     modes: tuple[Mode, ...],
     options: Options,
     truth: Path | None,
-    report: Path | None,
     target: Target,
 ) -> None:
     """Deblur PHOTO in every mode and show the results side by side.
@@ -71,10 +70,9 @@ def command(
     modes = tuple(mode for mode in MODES if mode in (modes or MODES))
     _options.refuse_unused(options, modes)
     prepare_folder(target.output, [*output_names(photo, modes), REPORT], force=target.force)
-    check_page(report, force=target.force)
-    compare_modes(photo, recording, options, target, truth=truth, modes=modes, page=report)
+    compare_modes(photo, recording, options, target, truth=truth, modes=modes)
     if not target.as_json:
-        page = "" if report is None else f" Open {report} in a browser."
+        page = "" if target.report is None else f" Open {target.report} in a browser."
         say("", f"The pictures are in {target.output}; see {SHEET}.{page}")
 
 
@@ -92,7 +90,6 @@ def compare_modes(
     *,
     truth: Path | None,
     modes: Sequence[Mode] = MODES,
-    page: Path | None = None,
 ) -> None:
     """Deblur `photo` in each mode, write the pictures and the results into the folder of `target`, and print them."""
     with capture_warnings() as texts:
@@ -114,9 +111,9 @@ def compare_modes(
             report["modes"][mode] |= rs.similarity(shown[mode], sharp)
         shown["truth"] = sharp
     _draw(target, shown, compared.banks, report["modes"])
-    if page is not None:
-        rs.write_page(page, complete(compared, recording, options, texts))
-        report["report"] = str(page)
+    if target.report is not None:
+        rs.write_page(target.report, complete(compared, recording, options, texts))
+        report["report"] = str(target.report)
     write_json(target.output / REPORT, report)
     if target.as_json:
         print_json(report)

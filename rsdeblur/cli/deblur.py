@@ -35,8 +35,7 @@ Examples:
 @option(
     "--psf", section=RECORDING, type=PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank."
 )
-@_options.recording_options(*_options.ONE_PHOTO, required=())
-@_options.numbered_from_option
+@_options.recording_options(*_options.ONE_PHOTO, "numbered_from", required=())
 @_options.solve_options(*(name for name in _options.SOLVE if name != "refine"))
 @_options.refine_option
 @_options.target_options(
@@ -49,7 +48,6 @@ def command(
     photos: tuple[Path, ...],
     psf: Path | None,
     recording: Recording,
-    numbered_from: int | None,
     options: Options,
     refine: bool | None,
     target: Target,
@@ -67,7 +65,7 @@ def command(
     output: Path | None = target.output
     into_folder = output is not None and (len(photos) > 1 or output.is_dir() or not output.suffix)
     outputs = _outputs(photos, output, into_folder=into_folder)
-    recordings = [recording] * len(photos) if psf is not None else recordings_of(photos, recording, numbered_from)
+    recordings = [recording] * len(photos) if psf is not None else recordings_of(photos, recording)
 
     def solve(i: int) -> dict[str, Any]:
         job = PhotoJob(

@@ -12,7 +12,7 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import checked_offset, naming, read_inputs, recordings_of, transfer_of
-from rsdeblur.cli._options import MANY, Command, Recording, option
+from rsdeblur.cli._options import SERIES, Command, Recording, option
 from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.cli._types import PATH, SECONDS
 
@@ -30,8 +30,7 @@ Examples:
 
 @click.command("sync", cls=Command, epilog=EXAMPLES)
 @click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
-@_options.recording_options(*MANY)
-@_options.numbered_from_option
+@_options.recording_options(*SERIES)
 @_options.transfer_option
 @option(*("--from", "first"), type=SECONDS, help="First shift.  [default: -60ms, or -2s with --start exif]")
 @option(*("--to", "last"), type=SECONDS, help="Last shift.  [default: 60ms, or 1s with --start exif]")
@@ -40,7 +39,6 @@ Examples:
 def command(
     photos: tuple[Path, ...],
     recording: Recording,
-    numbered_from: int | None,
     transfer: Transfer | Auto,
     first: float | None,
     last: float | None,
@@ -63,7 +61,7 @@ def command(
         # Before the search: the file may be of a kind that has no place for the offset.
         rs.check_editable(recording.camera)
     usual = rs.EXIF_ERROR if from_exif else SEARCH
-    pairs = zip(photos, recordings_of(photos, recording, numbered_from), strict=True)
+    pairs = zip(photos, recordings_of(photos, recording), strict=True)
     inputs = [read_inputs(photo, each) for photo, each in pairs]
     transfers = sorted({str(transfer_of(each.picture, transfer)) for each in inputs})
     if len(transfers) > 1:

@@ -16,7 +16,7 @@ from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
 from rsdeblur.cli._items import read_items
-from rsdeblur.cli._options import FOR_PHOTOS, MANY, Command, Recording, Target, option, refuse_given, require
+from rsdeblur.cli._options import FOR_PHOTOS, SERIES, Command, Recording, Target, option, refuse_given, require
 from rsdeblur.cli._output import FAILURES, prepare_folder, print_json, progress, reason, say, write_json, write_table
 from rsdeblur.cli._types import NOT_NEGATIVE, PATH
 from rsdeblur.errors import InputError
@@ -42,8 +42,7 @@ class _Shot(NamedTuple):
 
 @click.command("triage", cls=Command, epilog=EXAMPLES)
 @click.argument("source", type=PATH, metavar="FOLDER|CLIP")
-@_options.recording_options(*MANY, required=())
-@_options.numbered_from_option
+@_options.recording_options(*SERIES, required=())
 @option(
     "--keep",
     type=NOT_NEGATIVE,
@@ -64,7 +63,6 @@ class _Shot(NamedTuple):
 def command(
     source: Path,
     recording: Recording,
-    numbered_from: int | None,
     keep: float,
     drop: float,
     target: Target,
@@ -85,10 +83,10 @@ def command(
     is_clip = source.is_file() and source.suffix.lower() not in MANIFESTS
     if is_clip:
         moment = recording.start if recording.start == "exif" else None
-        refuse_given(FOR_PHOTOS, index=recording.index, numbered_from=numbered_from, start=moment)
+        refuse_given(FOR_PHOTOS, index=recording.index, numbered_from=recording.numbered_from, start=moment)
         shots = _frames(source, recording)
     else:
-        shots = _photos(source, recording, numbered_from, output)
+        shots = _photos(source, recording, output)
     if not shots:
         raise InputError(f"{source}: there is nothing to measure, because no photo is listed")
     with progress("triage") as move:
@@ -125,10 +123,10 @@ def _frames(source: Path, recording: Recording) -> list[_Shot]:
     return [_Shot({"frame": i}, (*device, exposure)) for i, exposure in enumerate(exposures)]
 
 
-def _photos(source: Path, recording: Recording, numbered_from: int | None, output: Path | None) -> list[_Shot]:
+def _photos(source: Path, recording: Recording, output: Path | None) -> list[_Shot]:
     """Return the photos of a folder or of a manifest."""
     shots = []
-    for item in read_items(source, recording, output or source / "triage", numbered_from=numbered_from):
+    for item in read_items(source, recording, output or source / "triage"):
         known, failure = None, item.error
         if item.recording is not None:
             try:
