@@ -1,6 +1,10 @@
 """Everything that commands use of the package; see `_engine.py`."""
 
+from numba.core.event import TimingListener as TimingListener
+from numba.core.event import install_listener as install_listener
 from numpy.typing import NDArray as NDArray
+from skimage.metrics import peak_signal_noise_ratio as peak_signal_noise_ratio
+from skimage.metrics import structural_similarity as structural_similarity
 
 from rsdeblur._util.memory import keep as keep
 from rsdeblur._util.threads import thread_count as thread_count
@@ -20,10 +24,6 @@ from rsdeblur.calibration.clip import calibrate as calibrate
 from rsdeblur.calibration.flicker import measure_flicker as measure_flicker
 from rsdeblur.calibration.matches import LONGEST_STEP as LONGEST_STEP
 from rsdeblur.calibration.photos import calibrate_photos as calibrate_photos
-from rsdeblur.cli._measure import forget_peak_memory as forget_peak_memory
-from rsdeblur.cli._measure import peak_memory_mib as peak_memory_mib
-from rsdeblur.cli._measure import similarity as similarity
-from rsdeblur.cli._measure import stopwatch as stopwatch
 from rsdeblur.config import show_config as show_config
 from rsdeblur.estimate.refine import Refinement as Refinement
 from rsdeblur.estimate.time_offset import OffsetSearch as OffsetSearch

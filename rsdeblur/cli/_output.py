@@ -12,6 +12,7 @@ import os
 import sys
 import time
 import unicodedata
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,7 +22,7 @@ import click
 
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur.cli import _engine as rs
-from rsdeblur.errors import OutputError, RsdeblurError
+from rsdeblur.errors import OutputError, RsdeblurError, RsdeblurWarning
 
 # Key of the context's `meta` under which the level of detail is: -1 quiet, 1 verbose.
 LEVEL = "rsdeblur.level"
@@ -81,6 +82,24 @@ def exit_if_failed(entries: Iterable[Mapping[str, Any]]) -> None:
     """End the command with an exit code if some of its jobs failed."""
     if any("error" in entry for entry in entries):
         click.get_current_context().exit(SOME_FAILED)
+
+
+@contextmanager
+def capture_warnings(*, show: bool = True) -> Iterator[list[str]]:
+    """Collect the texts of the package's warnings, which are shown as usual unless `show` is False."""
+    texts: list[str] = []
+    before = warnings.showwarning
+
+    def collect(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if issubclass(category, RsdeblurWarning) and str(message) not in texts:
+            texts.append(str(message))
+        if show:
+            before(message, category, *place, **more)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", RsdeblurWarning)
+        warnings.showwarning = collect
+        yield texts
 
 
 def say_detail(line: object) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +30,9 @@ from rsdeblur.cli._log import Gravity
 from rsdeblur.cli._options import ONE_PHOTO, Recording, flag
 from rsdeblur.cli._output import level, prepare_folder, say_detail
 from rsdeblur.pipeline.options import BLUR, Options
+
+# Pixels along the picture's edges that do not count, because light from beyond the frame blurred them.
+BORDER = 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,11 +222,11 @@ def _written(job: PhotoJob, picture: rs.Picture, mode: Mode, solve: Any) -> dict
     in_place = job.options.max_memory is not None
     # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
     with (
-        rs.stopwatch() as watch,
+        stopwatch() as watch,
         rs.picture_to_fill(job.output, picture.pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
     ):
         result = solve(out)
-    return facts_of(result, job.output, mode, job.options.prior_name, watch.seconds)
+    return facts_of(result, job.output, mode, job.options.prior_name, watch[0])
 
 
 def facts_of(result: rs.DeblurResult, output: Path, mode: Mode, prior: str, seconds: float) -> dict[str, Any]:
@@ -297,3 +303,51 @@ def correction_text(facts: Mapping[str, Any]) -> str:
         f"roll bias {values['roll']:+.3f} rad/s": values["roll"],
     }
     return f"Recording corrected: {', '.join(text for text, changed in texts.items() if changed)}."
+
+
+def similarity(image: rs.NDArray[Any], truth: rs.NDArray[Any]) -> dict[str, float | None]:
+    """Return PSNR in dB and SSIM of display values in [0, 1], without borders and alpha.
+
+    PSNR is None for equal pictures, because JSON has no infinity. SSIM uses the Gaussian window of its authors (Wang
+    et al. 2004).
+    """
+    # Small pictures lose no more than a quarter of a side at each edge.
+    y, x = (min(BORDER, side // 4) for side in image.shape[:2])
+    a, b = (values[y : values.shape[0] - y, x : values.shape[1] - x] for values in (image, truth))
+    axis = None if a.ndim == 2 else 2
+    if axis and a.shape[2] in (2, 4):
+        a, b = a[..., :-1], b[..., :-1]
+    ssim = rs.structural_similarity(
+        a, b, data_range=1.0, channel_axis=axis, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
+    )
+    psnr = None if (a == b).all() else float(rs.peak_signal_noise_ratio(b, a, data_range=1.0))
+    return {"psnr_db": psnr, "ssim": float(ssim)}
+
+
+def forget_peak_memory() -> None:
+    """Start a new measurement of the peak; without effect where the system has no such measurement."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def peak_memory_mib() -> float | None:
+    """Return the process's peak resident memory in MiB since `forget_peak_memory`, None where it is unknown."""
+    try:
+        match = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
+    except OSError:
+        return None
+    return int(match[1]) / 1024 if match else None
+
+
+@contextmanager
+def stopwatch() -> Iterator[list[float]]:
+    """Measure the time of the block in s, without compilation; the yielded list contains it after the block.
+
+    Only the first run after the installation compiles. Numba compiles one function at a time, whatever the thread.
+    """
+    seconds: list[float] = []
+    compiler = rs.TimingListener()
+    begin = time.perf_counter()
+    with rs.install_listener("numba:compile", compiler):
+        yield seconds
+    seconds.append(time.perf_counter() - begin - (compiler.duration if compiler.done else 0.0))

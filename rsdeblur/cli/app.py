@@ -37,9 +37,8 @@ from rsdeblur.cli._inputs import (
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._log import file_state
 from rsdeblur.cli._options import FILES, MANY, MANY_RESULTS, ONE_PHOTO, Command, Recording, flag, option
-from rsdeblur.cli._output import FAILURES, reason, say
+from rsdeblur.cli._output import FAILURES, capture_warnings, reason, say
 from rsdeblur.cli._photo import PhotoJob, Prepared, deblur_photo, prepare
-from rsdeblur.cli._report import capture_warnings
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import CoverageError, InputError, OutputError, RsdeblurError
 from rsdeblur.pipeline.options import Options

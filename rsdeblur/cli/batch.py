@@ -23,6 +23,7 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._items import COLUMNS, Item, read_items
 from rsdeblur.cli._options import FILES, SERIES, Command, Recording, Target, option, shared_threads
 from rsdeblur.cli._output import (
+    capture_warnings,
     exit_if_failed,
     level,
     prepare_folder,
@@ -36,7 +37,6 @@ from rsdeblur.cli._output import (
     write_table,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
-from rsdeblur.cli._report import capture_warnings
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 from rsdeblur.pipeline.options import COMPUTING, Options

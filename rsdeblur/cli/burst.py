@@ -26,13 +26,14 @@ from rsdeblur.cli._inputs import (
 )
 from rsdeblur.cli._options import CLIP, ONE_OF_MANY, SOLVE, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import (
+    capture_warnings,
     print_json,
     progress,
     say,
 )
-from rsdeblur.cli._photo import facts_of, refinement_facts, remarks, summary
-from rsdeblur.cli._report import capture_warnings, complete
+from rsdeblur.cli._photo import facts_of, peak_memory_mib, refinement_facts, remarks, summary
 from rsdeblur.cli._types import PATH, TextType, numbers
+from rsdeblur.cli.compare import complete
 from rsdeblur.errors import InputError
 from rsdeblur.pipeline.options import BLUR, Options
 
@@ -171,7 +172,7 @@ def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: rs.Burst
     picture = shots.pictures[index]
     transfer = transfer_of(picture, options.transfer)
     return rs.Page(
-        {"photo": str(photo), "modes": {label: facts | {"peak_memory_mib": rs.peak_memory_mib()}}},
+        {"photo": str(photo), "modes": {label: facts | {"peak_memory_mib": peak_memory_mib()}}},
         *(picture, shots.log, shots.camera, shots.exposures[index]),
         {
             f"frame {facts['reference']}": display_values(picture.pixels, transfer),
