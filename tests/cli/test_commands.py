@@ -14,8 +14,9 @@ import pytest
 from click.testing import Result
 from PIL import Image
 
+from rsdeblur import deconvolve
 from rsdeblur.estimate.time_offset import OffsetSearch
-from rsdeblur.io import read_picture
+from rsdeblur.io import open_gyro, read_picture
 from rsdeblur.psf import PsfBank
 
 if TYPE_CHECKING:
@@ -54,36 +55,29 @@ def test_overrides_reach_the_computation(run: Run, files: Files) -> None:
     assert still["path_px"]["longest"] != pytest.approx(plain["path_px"]["longest"], rel=1e-3)
 
 
-def test_a_track_from_another_program(run: Run, files: Files, tmp_path: Path) -> None:
-    track = tmp_path / "poses.txt"
+def test_a_track_and_a_drift_move_the_kernels(run: Run, files: Files, tmp_path: Path) -> None:
+    track, depths = tmp_path / "poses.txt", tmp_path / "depths.npy"
     # Only 1 m/s to the right, for 40 ms, before a wall at 0.5 m: 8.8 px at a focal length of 110 px.
     files.write_gyro(files.samples() * (1, 0, 0, 0))
     track.write_text("".join(f"{t:.3f} {t:.3f} 0 0 0 0 0 1\n" for t in np.arange(0, 0.5, 0.01)))
-    common = [*files.recording, "--bands", 4, "--strips", 1]
-    still, moved = (
-        json.loads(run("psf", *common, "--json", *more).stdout)["psf_px"]
-        for more in ([], ["--translation", track, "--depth", 0.5])
-    )
-    # A kernel has a pixel on both sides.
-    assert (still, moved) == ([3, 3], [11, 3])
-    out = tmp_path / "sharp.png"
-    result = run("deblur", files.photo, *common, "--translation", track, "--depth", 0.5, "-o", out, "--dry-run")
-    assert result.exit_code == 0, result.stderr
-    depths = tmp_path / "depths.npy"
     np.save(depths, np.full((2, 3), 500, dtype=np.uint16))
-    mapped = ["--translation", track, "--depth", depths]
-    assert json.loads(run("psf", *common, "--json", *mapped).stdout)["psf_px"] == moved
-    sharp = tmp_path / "mapped.png"
-    assert run("deblur", files.photo, *common, *mapped, "-o", sharp).exit_code == 0
-    result = run("psf", *common, "--translation", track, "--depth", "near")
-    assert result.exit_code == 1
-    assert "near: cannot read the depth map" in result.stderr
-    turned = ["--translation", track, "--depth", 0.5, "--translation-axes", "sideways"]
-    assert "no IMU orientation 'sideways'" in run("psf", *common, *turned).stderr
-    assert run("psf", *common, "--depth", 0.5).exit_code == 2
-    track.write_text("0.1 0 0 0\n0.2 0 0 0\n")
-    result = run("psf", *common, "--translation", track, "--depth", 0.5)
-    assert f"{track}: the translation track spans" in result.stderr
+    common = ["psf", *files.recording, "--bands", 4, "--strips", 1, "--json"]
+    # A kernel has a pixel on both sides.
+    for more, size in (
+        ([], [3, 3]),
+        (["--translation", track, "--depth", 0.5], [11, 3]),
+        (["--translation", track, "--depth", depths], [11, 3]),
+        (["--drift", "9,-5"], [11, 7]),
+    ):
+        assert json.loads(run(*common, *more).stdout)["psf_px"] == size
+    for more, message in (
+        (["--translation", track, "--depth", "near"], "near: cannot read the depth map"),
+        (["--translation", track, "--depth", 0.5, "--translation-axes", "sideways"], "no IMU orientation 'sideways'"),
+        (["--depth", 0.5], "--translation and --depth are needed together"),
+        (["--drift", "8"], "3,-2"),
+        (["--drift", "1e9,0"], "--drift: px must not be beyond 1e+06"),
+    ):
+        assert message in run(*common, *more).stderr
 
 
 def test_info_shows_the_accelerometer_and_trajectories(run: Run, tmp_path: Path) -> None:
@@ -115,15 +109,13 @@ def test_compare_writes_everything(run: Run, files: Files, tmp_path: Path) -> No
 
 
 def test_compare_of_some_modes_in_little_memory(run: Run, files: Files, tmp_path: Path) -> None:
-    common = ["compare", files.photo, *files.recording, "--prior", "wiener", "--mode", "banded"]
+    common = ["compare", files.photo, *files.recording, "--prior", "wiener", "--mode", "banded", "--mode", "global"]
     # Without --output, beside the photo.
-    result = run(*common, "--mode", "global", "--max-memory", "1GiB", "--json")
+    result = run(*common, "--max-memory", "1GiB", "--json")
     assert result.exit_code == 0, result.stderr
     assert list(json.loads(result.stdout)["modes"]) == ["global", "banded"]
     names = {"global.png", "banded.png", "side-by-side.png", "psfs.png", "compare.json"}
     assert {path.name for path in (tmp_path / "photo-compare").iterdir()} == names
-    # The solver itself refuses memory that is too little.
-    assert "max_memory" in run(*common, "--max-memory", "1KiB", "-o", tmp_path / "none").stderr
 
 
 def test_compare_writes_a_report(run: Run, files: Files, tmp_path: Path) -> None:
@@ -164,9 +156,8 @@ def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:
         assert picture.mode == "RGB"
 
 
-@pytest.mark.parametrize("nsr", [0.001, 0.1])
-def test_psf_takes_the_tiles_of_deblur(run: Run, files: Files, tmp_path: Path, nsr: float) -> None:
-    options = [*files.recording, "--nsr", nsr, "--json"]
+def test_psf_takes_the_tiles_of_deblur(run: Run, files: Files, tmp_path: Path) -> None:
+    options = [*files.recording, "--nsr", 0.001, "--json"]
     kernels = json.loads(run("psf", *options).stdout)
     sharp = json.loads(run("deblur", files.photo, *options, "--quality", "fast", "-o", tmp_path / "o.png").stdout)
     names = ("bands", "strips", "psf_px")
@@ -227,13 +218,37 @@ def test_demo_runs_and_its_command_works(run: Run, tmp_path: Path, monkeypatch: 
     assert bits(out / "again.png") == bits(out / "banded.png")
 
 
-def test_a_drift_moves_the_kernels(run: Run, files: Files) -> None:
-    files.write_gyro(files.samples() * (1, 0, 0, 0))
-    common = ["psf", *files.recording, "--bands", 4, "--strips", 1, "--json"]
-    # A kernel has a pixel on both sides.
-    assert json.loads(run(*common, "--drift", "9,-5").stdout)["psf_px"] == [11, 7]
-    assert "3,-2" in run(*common, "--drift", "8").stderr
-    assert "--drift: px must not be beyond 1e+06, got 1e+09" in run(*common, "--drift", "1e9,0").stderr
+@pytest.mark.parametrize(
+    ("kind", "name", "format"),
+    [("stock-camera", "Gyroscope.csv", "sensorlogger"), ("recording", "gyro_accel.csv", "mars")],
+)
+def test_the_demo_writes_the_logs_of_the_apps(run: Run, tmp_path: Path, kind: str, name: str, format: str) -> None:
+    assert run("demo", f"--{kind}", "--size", "64x64", "-o", tmp_path).exit_code == 0
+    file = open_gyro(tmp_path / name)
+    assert (file.format, file.axes) == (format, "phone")
+    assert np.abs(file.log.omega).max() > 0.01
+
+
+@pytest.mark.parametrize("arguments", [["--size", "63x64"], ["--size", "100000x1000"], ["--size", "81x80", "--video"]])
+def test_the_demo_refuses_sizes_before_it_writes(run: Run, tmp_path: Path, arguments: list[str]) -> None:
+    assert run("demo", *arguments, "-o", tmp_path / "demo").exit_code in (1, 2)
+    assert not (tmp_path / "demo").exists()
+
+
+def test_own_kernels(run: Run, files: Files, tmp_path: Path) -> None:
+    kernel, other, folder = tmp_path / "kernel.npy", tmp_path / "other.png", tmp_path / "new"
+    np.save(kernel, np.eye(5))
+    other.write_bytes(files.photo.read_bytes())
+    call = ["deblur", files.photo, other, "--psf", kernel, "--prior", "wiener", "-o", folder]
+    assert "global, PSFs of up to 5 x 5 px" in run(*call, "--dry-run").stdout
+    assert not folder.exists()
+    result = run(*call)
+    assert result.exit_code == 0, result.stderr
+    photo = np.asarray(Image.open(files.photo))
+    expected = np.empty_like(photo)
+    deconvolve(photo, np.eye(5) / 5, prior="wiener", out=expected)
+    for path in (folder / files.photo.name, folder / "other.png"):
+        np.testing.assert_array_equal(np.asarray(Image.open(path)), expected)
 
 
 def test_sync_refuses_to_guess(run, files):
@@ -307,14 +322,13 @@ def test_several_photos(run: Run, files: Files, tmp_path: Path) -> None:
     alone = read_picture(tmp_path / "frame_0-sharp.png").pixels
     np.testing.assert_array_equal(alone, read_picture(tmp_path / "sharp" / "frame_0.png").pixels)
 
-    # One file on many disks.
-    result = run("deblur", names[0], tmp_path / "old" / "FRAME_0.png", *files.recording, "-o", tmp_path / "sharp")
-    assert (result.exit_code, "differs only in case" in result.stderr) == (1, True)
-
     # A single photo makes the folder too.
     assert run("deblur", names[0], *files.sources, *capture, "--index", "0", "-o", tmp_path / "new").exit_code == 0
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["frame_0.png"]
 
+    # One file on many disks.
+    result = run("deblur", names[0], tmp_path / "old" / "FRAME_0.png", *files.recording, "-o", tmp_path / "sharp")
+    assert (result.exit_code, "differs only in case" in result.stderr) == (1, True)
     result = run("deblur", *names, *files.recording)
     assert result.exit_code == 2
     assert "3 photos, but --start is one moment" in result.stderr

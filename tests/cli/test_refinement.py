@@ -1,30 +1,37 @@
-"""The commands' correction of the recording by the picture."""
+"""The correction of the recording by the picture, and gravity, which shows wrong axes."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from click.testing import Result
 from PIL import Image
 
-from rsdeblur import Correction, Exposure, read_camera, read_gyro
+from rsdeblur import Camera, Correction, Exposure, read_camera, read_gyro
 from rsdeblur.estimate import Refinement
 from rsdeblur.motion.axes import imu_to_camera
+from tests.installed import needs
 
-if TYPE_CHECKING:
-    from conftest import Files
 
-    Run = Callable[..., Result]
+@pytest.fixture
+def refined(files, monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Refine at once, and return for each time whether the axes were taken for known."""
+    calls = []
+
+    def refine(*_: object, known_axes: bool, **__: object) -> Refinement:
+        calls.append(known_axes)
+        given = read_gyro(files.gyro), read_camera(files.camera), Exposure(0.2, 0.04), None
+        return Refinement(*given, False, "it is right", Correction(), Correction(), 0.0, 0.0, 0.0)
+
+    monkeypatch.setattr("rsdeblur.pipeline.plan.refine", refine)
+    return calls
 
 
 @pytest.mark.parametrize(
-    ("options", "refined"),
+    ("options", "expected"),
     [
         ((), True),
         (("--no-refine",), False),
@@ -34,18 +41,21 @@ if TYPE_CHECKING:
     ],
 )
 def test_recordings_are_refined_unless_that_is_slow_or_impossible(
-    run: Run, files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], refined: bool
+    run, files, refined, tmp_path: Path, options: tuple[str, ...], expected: bool
 ) -> None:
-    log, camera = read_gyro(files.gyro), read_camera(files.camera)
-    given = log, camera, Exposure(0.2, 0.04), None
-    found = Refinement(*given, False, "it is right", Correction(), Correction(), 0.0, 0.0, 0.0)
-    monkeypatch.setattr("rsdeblur.pipeline.plan.refine", lambda *_, **__: found)
     call = "deblur", files.photo, *files.recording, "--force", *options, "-o", tmp_path / "sharp.png"
     facts = json.loads(run(*call, "--json").stdout)
-    assert (facts["refinement"] is not None) == refined
+    assert (facts["refinement"] is not None) == bool(refined) == expected
     # Why a recording stays as it is interests who asked for more.
     assert ("it is right" in run(*call).stdout) == ("--refine" in options)
-    assert ("it is right" in run(*call, "--verbose").stdout) == refined
+
+
+def write_log(path: Path, samples: np.ndarray, force: list[float]) -> None:
+    """Write the log of a phone with an accelerometer."""
+    t, *rates = samples.T
+    table = np.column_stack([np.round(t * 1e9), *rates, np.broadcast_to(force, (len(t), 3))])
+    header = "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s], ax[m/s^2], ay[m/s^2], az[m/s^2]"
+    np.savetxt(path, table, ["%d", *["%.6f"] * 6], ", ", header=header, comments="")
 
 
 @pytest.mark.parametrize(
@@ -53,55 +63,64 @@ def test_recordings_are_refined_unless_that_is_slow_or_impossible(
     [
         (1, "phone-portrait", None),
         (1, "phone-landscape", "right"),
-        (1, "phone-landscape-reversed", "left"),
-        (1, "phone-portrait-reversed", "top"),
-        (6, "phone-landscape", None),
         (6, "phone-portrait", "left"),
-        (8, "phone-landscape-reversed", None),
         (3, "phone-portrait-reversed", None),
         (5, "phone-portrait", None),  # mirrored: nothing is known
     ],
 )
 def test_gravity_names_wrong_axes_which_are_not_refined(
-    run: Run, files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, orientation: int, preset: str, side: str
+    run, files, refined, tmp_path: Path, orientation: int, preset: str, side: str | None
 ) -> None:
-    t, *rates = files.samples().T
-    force = np.broadcast_to([0.0, 9.8, 0.5], (len(t), 3))  # a phone held upright
-    header = "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s], ax[m/s^2], ay[m/s^2], az[m/s^2]"
-    table = np.column_stack([np.round(t * 1e9), *rates, force])
-    np.savetxt(files.gyro, table, ["%d", *["%.6f"] * 6], ", ", header=header, comments="")
+    write_log(files.gyro, files.samples(), [0.0, 9.8, 0.5])  # a phone held upright
     replace(read_camera(files.camera), imu_to_camera=imu_to_camera(preset)).save(files.camera)
     exif = Image.Exif()
     exif[0x0112] = orientation
     with Image.open(files.photo) as picture:
         picture.save(files.photo, exif=exif)
-    calls = []
-
-    def refine(*_: object, known_axes: bool, **__: object) -> Refinement:
-        calls.append(known_axes)
-        return found
-
-    given = read_gyro(files.gyro), read_camera(files.camera), Exposure(0.2, 0.04), None
-    found = Refinement(*given, False, "it is right", Correction(), Correction(), 0.0, 0.0, 0.0)
-    monkeypatch.setattr("rsdeblur.pipeline.plan.refine", refine)
-    call = "deblur", files.photo, *files.recording, "--force", "-o", tmp_path / "sharp.png"
-    said = run(*call).stderr
-    assert ("gravity points" in said) == (side is not None)
+    call = "deblur", files.photo, *files.recording, "--quality", "fast", "--force", "-o", tmp_path / "sharp.png"
+    warned = run(*call).stderr
+    assert (f"points to the {side} of" in warned) == ("gravity points" in warned) == (side is not None)
     if side is not None:
-        fits = {1: "phone-portrait", 6: "phone-landscape"}[orientation]
-        assert f"points to the {side} of" in said
         # "gyroflow" fits like "phone-landscape", but is for other logs.
-        assert f"wrong ({fits} fits)" in said
-    # Other axes are only tried where gravity says nothing.
-    known = orientation != 5
-    assert calls == ([] if side else [known])
+        assert f"wrong ({ {1: 'phone-portrait', 6: 'phone-landscape'}[orientation] } fits)" in warned
     run(*call, "--refine")
-    assert calls == ([False] if side else [known, known])
-    # `compare` sees, says and refines the same.
-    compared = run("compare", *call[1:-2], "--mode", "banded", "--refine", "-o", tmp_path / "compared")
-    assert compared.stderr == said
-    assert calls[-1] == (known and side is None)
-    assert "Recording not corrected: it is right." in compared.stdout
-    (entry,) = json.loads(run("info", *files.sources, "--capture", files.captures, "--json").stdout)
-    angle = {"phone-portrait": 0, "phone-landscape": 90, "phone-landscape-reversed": -90}.get(preset)
-    assert angle in (entry["exposures"][0]["gravity_deg"], None)
+    # Other axes are only tried where gravity says nothing.
+    assert refined == [side is None and orientation != 5]
+    # `compare` sees the same.
+    options = ("--mode", "banded", "--quality", "fast", "-o", tmp_path / "compared")
+    assert run("compare", files.photo, *files.recording, *options).stderr == warned
+
+
+@pytest.mark.parametrize(
+    ("rotation", "force", "preset", "side"),
+    [
+        (0, [9.8, 0.0, 0.5], "phone-landscape", None),
+        (0, [9.8, 0.0, 0.5], "phone-landscape-reversed", "top"),
+        (-90, [9.8, 0.0, 0.5], "phone-landscape", "left"),
+        (0, [0.0, 0.5, 9.8], "phone-portrait", None),  # it looks down: nothing is known
+    ],
+)
+def test_gravity_names_wrong_axes_of_a_video(
+    run, tmp_path: Path, rotation: int, force: list[float], preset: str, side: str | None
+) -> None:
+    av, clip = needs("video"), tmp_path / "clip.mp4"
+    noise = np.random.default_rng(0).integers(60, 200, (48, 64, 3)).astype(np.uint8)
+    with av.open(str(clip), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.set_display_rotation(rotation)
+        for _ in range(8):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(noise, format="rgb24")))
+        container.mux(stream.encode())
+    t = np.arange(0.0, 1.0, 0.005)
+    write_log(tmp_path / "gyro.csv", np.column_stack([t, np.sin(20 * t), 0.5 * np.cos(9 * t), 0 * t]), force)
+    Camera(64, 48, 70.0, readout_time=0.01, imu_to_camera=preset).save(tmp_path / "camera.toml")
+    sources = ["--gyro", tmp_path / "gyro.csv", "--camera", tmp_path / "camera.toml", "--start", 0.1]
+    for arguments in (
+        ["video", clip, "--above", 0, "--dry-run", "-o", tmp_path / "out.mp4"],
+        ["burst", "--from", clip, "--frames", "2:4", "-o", tmp_path / "out.png"],
+    ):
+        result = run(*arguments, *sources, "--duration", "1/60", "--nsr", "0.01")
+        assert result.exit_code == 0, result.output
+        assert (f"gravity points to the {side} of {clip}" in result.stderr) == (side is not None)
+        assert ("gravity points" in result.stderr) == (side is not None)
