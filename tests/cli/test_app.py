@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,19 +74,7 @@ def test_a_crop_is_that_part_of_the_whole_result(files):
     assert part.image.shape == (40, 56, 3)
     # Of a noise picture, whose values spread by 0.16; one step of 8 bits is 0.004.
     assert np.abs(part.image - crop.cut(whole)).mean() < 0.02
-    half = solve_crop(pixels, *capture, options, basis, crop, scale=0.5).image
-    assert half.shape == (20, 28, 3)
-
-    def variance(softness, scale):
-        soft = replace(options, softness=softness)
-        bank = solve_crop(pixels, *capture, soft, basis, crop, scale=scale).psfs
-        rows = bank.kernels[0, 0].sum(axis=1)
-        mean, square = (np.average(np.arange(len(rows)) ** power, weights=rows) for power in (1, 2))
-        return square - mean**2
-
-    for scale in (1.0, 0.5):
-        # Variances of convolved kernels add; a Gaussian of 0.5 px that is drawn in pixels loses 0.04 px^2.
-        assert variance(1.0, scale) - variance(0.0, scale) == pytest.approx(scale**2, abs=0.05)
+    assert solve_crop(pixels, *capture, options, basis, crop, scale=0.5).image.shape == (20, 28, 3)
 
 
 def test_nothing_is_overwritten_and_a_dropped_file_lands_in_the_folder_of_the_app(desk, form):

@@ -54,18 +54,8 @@ def test_manifest_and_missing_files(run: Run, files: Files, tmp_path: Path) -> N
     # The results of a batch would have the same name; a triage writes none.
     assert [item["decision"] for item in json.loads(result.stdout)["items"]] == ["keep", "deblur"]
     assert run("triage", manifest, *files.sources, "--keep", 3, "--drop", 2).exit_code == 2
-    # JSON has no such numbers.
-    assert "nan is not a finite number" in run("triage", manifest, *files.sources, "--drop", "nan").stderr
+    # JSON has no such number.
     assert "inf is not a finite number" in run("triage", manifest, *files.sources, "--drop", "inf").stderr
-
-
-def test_a_clip_needs_log_and_camera(run: Run, tmp_path: Path) -> None:
-    needs("video")
-    clip = tmp_path / "clip.mp4"
-    clip.write_bytes(b"no clip")
-    result = run("triage", clip)
-    assert result.exit_code == 2
-    assert "--gyro and --camera" in result.stderr
 
 
 def test_a_blur_that_is_unknown_everywhere_is_an_error(run: Run, files: Files, tmp_path: Path) -> None:
@@ -77,11 +67,6 @@ def test_a_blur_that_is_unknown_everywhere_is_an_error(run: Run, files: Files, t
     assert f"{manifest}: the blur of all 2 photos is unknown, the first: the gyro log" in result.stderr
     assert json.loads(result.stdout)["counts"]["unknown"] == 2
     assert json.loads((out / "triage.json").read_text()) == json.loads(result.stdout)
-    result = run("triage", manifest, *files.sources)
-    assert (result.exit_code, result.stdout) == (1, f"{manifest}: 2 unknown\n")
-    manifest.write_text("photo,start,duration\n")
-    result = run("triage", manifest, *files.sources)
-    assert (result.exit_code, "no photo is listed" in result.stderr) == (1, True)
 
 
 OF_PHOTOS = ("--index", 2), ("--numbered-from", 1), ("--start", "exif")
@@ -99,3 +84,5 @@ def test_options_without_effect_are_refused(run: Run, tmp_path: Path, source: st
         result = run("triage", tmp_path / source, *recording, *option)
         assert result.exit_code == 2
         assert any(reason in result.stderr for reason in ("is for photos", "is one moment"))
+    if source == "clip.mp4":
+        assert "--gyro and --camera" in run("triage", tmp_path / source).stderr
