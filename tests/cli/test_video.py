@@ -143,9 +143,7 @@ def similarity(pictures: list[NDArray[Any]], truth: list[NDArray[np.float32]]) -
     )
 
 
-@pytest.mark.parametrize(
-    "method", [(), ("--prior", "tv", "--weight", "0.01"), ("--mode", "rowwise"), ("--geometry", "rectify")]
-)
+@pytest.mark.parametrize("method", [(), ("--mode", "rowwise"), ("--geometry", "rectify")])
 def test_frames_get_sharper_and_all_else_is_kept(
     run: Run, movie: Movie, tmp_path: Path, method: tuple[str, ...]
 ) -> None:
@@ -264,6 +262,8 @@ def test_frames_together_correct_the_recording(
     monkeypatch.setattr("rsdeblur.video.plan.REFINED_FRAMES", 3)
     out = tmp_path / "out.mov"
     result = run(*movie.arguments(*movie.stamped, "--dry-run", "--refine", "-o", out))
+    assert f"{FRAMES} of {FRAMES} frames deblurred, the largest blur" in result.stdout
+    assert not list(tmp_path.iterdir())
     assert ("time offset +4.0 ms" in result.output) == accepted
     assert "drift" not in result.output
     assert ("Recording not corrected: why." in result.output) != accepted
@@ -273,13 +273,6 @@ def test_frames_together_correct_the_recording(
     plain = json.loads(run(*movie.arguments(*movie.stamped, "--dry-run", "--json", "-o", out)).output)
     assert (facts["largest_blur_px"] == plain["largest_blur_px"]) != accepted
     assert plain["refinement"] is None
-
-
-def test_dry_run_writes_nothing(run: Run, movie: Movie, tmp_path: Path) -> None:
-    result = run(*movie.arguments(*movie.stamped, "--dry-run", "-o", tmp_path / "out.mov"))
-    assert result.exit_code == 0
-    assert f"{FRAMES} of {FRAMES} frames deblurred, the largest blur" in result.stdout
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
