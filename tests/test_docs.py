@@ -41,7 +41,7 @@ def test_the_commands_of_the_walkthrough_work(tmp_path: Path, monkeypatch: pytes
     # A command that an earlier page has too runs once.
     for command in dict.fromkeys(command for page in WALKTHROUGH for command in commands(DOCS / page)):
         # A smaller picture tests the same in a fraction of the time.
-        words = shlex.split(command.replace("\\\n", "").replace("--size 640x480", "--size 160x120"))
+        words = shlex.split(command.replace("\\\n", "").replace("--size 640x480", "--size 264x198"))
         if words[0] == "rsdeblur":
             result = CliRunner().invoke(main, words[1:], catch_exceptions=False)
             assert result.exit_code == 0, f"{command}: {result.stderr}"
