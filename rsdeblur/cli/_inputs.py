@@ -198,10 +198,7 @@ def _exposure(recording: Recording, photo: Path | None) -> rs.Exposure:
 
 
 def _exif(photo: Path | None) -> rs.Exif | None:
-    if photo is None:
-        return None
-
-    return rs.Exif(rs.read_header(photo)[2])
+    return None if photo is None else rs.Exif(rs.read_header(photo)[2])
 
 
 def _exif_exposure(photo: Path | None) -> float | None:

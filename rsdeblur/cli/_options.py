@@ -51,6 +51,17 @@ def option(*flags: str, section: str = "Options", **facts: Any) -> Decorator:
     return click.option(*flags, cls=Option, section=section, **facts)
 
 
+def together(*options: Decorator) -> Decorator:
+    """Return a decorator that adds several options in their order."""
+
+    def decorate(function: Function) -> Function:
+        for each in reversed(options):
+            function = each(function)
+        return function
+
+    return decorate
+
+
 def _set_level(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
         level = 1 if param.name == "verbose" else -1
@@ -206,10 +217,7 @@ def _gathered(
             group = make(**{name: arguments.pop(name) for name in names})
             return function(**arguments, **{argument: group})
 
-        decorated: Function = call
-        for name in reversed(names):
-            decorated = _option_of(table[name], required=name in required)(decorated)
-        return decorated
+        return together(*(_option_of(table[name], required=name in required) for name in names))(call)
 
     return decorate
 
@@ -384,10 +392,7 @@ def target_options(
                 check_output(report, force=force, suffixes=(".html", ".htm"), kind="the report is an HTML page")
             return function(target=Target(output, force, as_json, dry_run, report), **arguments)
 
-        decorated: Function = call
-        for each in reversed(shared):
-            decorated = each(decorated)
-        return decorated
+        return together(*shared)(call)
 
     return decorate
 

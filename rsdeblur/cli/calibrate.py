@@ -179,10 +179,7 @@ def _start(path: Path | None, source: Path, size: tuple[int, int]) -> rs.Camera:
 
 
 def _facts(result: rs.Calibration, output: Path) -> dict[str, Any]:
-    values = {
-        name: {"value": each.value, "sd": each.sd, "unit": each.unit, "determined": each.determined}
-        for name, each in result.values.items()
-    }
+    names = ("photos",) if result.photos else ("explained", "pairs", "matches")
     return {
         "accepted": result.accepted,
         "reason": result.reason,
@@ -190,16 +187,12 @@ def _facts(result: rs.Calibration, output: Path) -> dict[str, Any]:
         "mounting": result.mounting,
         "readout_direction": result.camera.readout_direction,
         "confidence": result.confidence,
-        **_grounds(result),
-        "values": values,
+        **{name: getattr(result, name) for name in names},
+        "values": {
+            name: {"value": each.value, "sd": each.sd, "unit": each.unit, "determined": each.determined}
+            for name, each in result.values.items()
+        },
     }
-
-
-def _grounds(result: rs.Calibration) -> dict[str, Any]:
-    """Return what the result rests on."""
-    if result.photos:
-        return {"photos": result.photos}
-    return {"explained": result.explained, "pairs": result.pairs, "matches": result.matches}
 
 
 def _print(result: rs.Calibration) -> None:
@@ -213,9 +206,8 @@ def _print(result: rs.Calibration) -> None:
         if name == "readout_time":
             rows.append(["readout direction", result.camera.readout_direction, "", STATES[result.directed]])
     print_table(("", "value", "deviation", ""), rows)
-    grounds = _grounds(result)
-    if "photos" in grounds:
-        say(f"{grounds['photos']} photos")
+    if result.photos:
+        say(f"{result.photos} photos")
     else:
-        explained = f"the log explains {grounds['explained']:.1%} of the motion"
-        say(f"{grounds['pairs']} pairs of frames, {grounds['matches']} matches; {explained}")
+        explained = f"the log explains {result.explained:.1%} of the motion"
+        say(f"{result.pairs} pairs of frames, {result.matches} matches; {explained}")

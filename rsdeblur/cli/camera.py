@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -36,7 +35,7 @@ Examples:
 NUMBERS = TextType("A,B,...", partial(numbers, example="1.5,2,-3"))
 BOX = TextType("WxH+X+Y", partial(box, pattern=r"(\d+)x(\d+)\+(\d+)\+(\d+)", example="1920x1080+960+540"))
 # Values that calibration files do not contain.
-SETTINGS: tuple[Callable[[Any], Any], ...] = (
+settings = _options.together(
     option("--readout-time", type=READOUT, help="Readout time of the picture."),
     option(
         "--readout-direction",
@@ -56,13 +55,6 @@ SETTINGS: tuple[Callable[[Any], Any], ...] = (
         "end of the last row's.",
     ),
 )
-
-
-def settings(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of `SETTINGS`."""
-    for each in reversed(SETTINGS):
-        function = each(function)
-    return function
 
 
 # Assumptions of `camera new`, by the key whose option replaces them.
