@@ -110,14 +110,12 @@ def _coverage(recording: Recording, capture: Path, reading: dict[str, Any]) -> l
 
 def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     """Return the kind and the contents of a file; `reading` are the options for reading a gyro log."""
-    from rsdeblur.io.archives import is_archive
     from rsdeblur.io.cameras import detect_camera_format
-    from rsdeblur.io.captures import FORMATS, WHAT
-    from rsdeblur.io.clocks import is_clocks
+    from rsdeblur.io.captures import FORMATS, WHAT, is_clocks
     from rsdeblur.io.gyro_logs import detect_gyro_format
     from rsdeblur.io.picture_output import KINDS
     from rsdeblur.io.pictures import is_picture
-    from rsdeblur.io.source import Source
+    from rsdeblur.io.source import Source, is_archive
 
     source = Source(path, WHAT)
     # By its extension too, so that the error of a damaged picture is about a picture.
@@ -217,7 +215,7 @@ def describe_trajectory(path: Path) -> dict[str, Any]:
 
 def describe_clocks(path: Path) -> dict[str, Any]:
     """Return the differences between the clocks of a session."""
-    from rsdeblur.io.clocks import read_clocks
+    from rsdeblur.io.captures import read_clocks
 
     clocks = read_clocks(path)
     return {

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
+from mmap import ACCESS_READ, mmap
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -19,16 +20,15 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from rsdeblur.io import _exif_block, untrusted
-from rsdeblur.io._exif_block import ASCII, LONG, ORIENTATION
-from rsdeblur.io._metadata import CLASSIC_BYTES, IPTC_TAG, XMP_TAG, Picture, of_tiff
+from rsdeblur.io._metadata import C2PA, CLASSIC_BYTES, Picture
+from rsdeblur.io.exif import LONG, ORIENTATION, Tags, block_of, directory, tags_of
+from rsdeblur.io.source import Refused, check_trusted
 
 # tifffile logs every oddity of a damaged file; the faults that matter are raised.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
-BIG_MAGIC = (b"II+\0", b"MM\0+")
-MAGIC = (b"II*\0", b"MM\0*", *BIG_MAGIC)
-
+MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+XMP_TAG, IPTC_TAG, C2PA_TAG = 700, 33723, 0xCD41
 # Tags of an EXIF block's first directory that describe the picture rather than how its samples are stored: description,
 # maker, model, orientation, software, time, artist, computer, rating, copyright, and texts of Windows.
 DESCRIPTIVE = (270, 271, 272, ORIENTATION, 305, 306, 315, 316, 18246, 18249, 33432, *range(40091, 40096))
@@ -41,10 +41,6 @@ BELIEVED_PIXELS = 16_000_000
 SLOW_PIXELS_PER_BYTE = 100
 # JPEG XL, JPEG XR and JPEG 2000, each under several numbers.
 SLOW = (50002, 52546, 22610, 34934, 33003, 33004, 33005, 34712)
-
-
-class Unsupported(ValueError):
-    """A picture whose size or kind of samples is not supported; users see the message unchanged."""
 
 
 def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
@@ -62,18 +58,16 @@ def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
 
 def decode(data: bytes, max_pixels: int) -> Picture:
     """Return the first page; the orientation tag is not applied."""
-    untrusted.check("TIFF", "tifffile")
+    check_trusted("TIFF", "tifffile")
     with tifffile.TiffFile(BytesIO(data)) as file:
         page = first_page(file)
         if page.compression in SLOW:
             max_pixels = min(max_pixels, max(BELIEVED_PIXELS, SLOW_PIXELS_PER_BYTE * len(data)))
         # page.size counts the samples of all planes of a volume, up to four per pixel.
         if max(page.imagewidth * page.imagelength, page.size // 4) > max_pixels:
-            raise Unsupported(
-                f"the picture claims {page.imagewidth}x{page.imagelength} pixels; the limit is {max_pixels}"
-            )
+            raise Refused(f"the picture claims {page.imagewidth}x{page.imagelength} pixels; the limit is {max_pixels}")
         if page.nbytes > PIXEL_BYTES * max_pixels:
-            raise Unsupported(f"the picture claims {page.nbytes} bytes; the limit is {PIXEL_BYTES * max_pixels}")
+            raise Refused(f"the picture claims {page.nbytes} bytes; the limit is {PIXEL_BYTES * max_pixels}")
         if max(np.add(page.dataoffsets, page.databytecounts)) > len(data):
             raise EOFError("the file ends within the samples")
         if np.prod(page.chunked) > len(data):
@@ -84,23 +78,24 @@ def decode(data: bytes, max_pixels: int) -> Picture:
         samples = page.asarray()
         pixels = _plain(page, np.moveaxis(samples, 0, -1) if page.axes.startswith("S") else samples)
         if pixels is None or pixels.ndim > 3 or (pixels.ndim == 3 and pixels.shape[2] not in (2, 3, 4)):
-            raise Unsupported(
+            raise Refused(
                 f"TIFF with {page.samplesperpixel} samples of {page.bitspersample} bits ({page.photometric!r}) is not "
                 "supported; convert it to grey or RGB of 8 or 16 bits without sign, or float"
             )
         pixels = np.ascontiguousarray(_straight(pixels) if _is_premultiplied(page) else pixels)
-        return of_tiff(page, pixels, *exif_block(BytesIO(data)))
+        return of_page(page, pixels, data)
 
 
 def mapped(file: BinaryIO, size: int) -> Picture | None:
     """Return the first page of a file of `size` bytes, its samples as a read-only map; None if it must be decoded."""
-    untrusted.check("TIFF", "tifffile")
+    check_trusted("TIFF", "tifffile")
     with tifffile.TiffFile(file) as tiff:
         page = first_page(tiff)
         place = _place(page, size)
         if place is None:
             return None
-        return of_tiff(page, np.memmap(file, mode="r", **place), *exif_block(file))
+        with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+            return of_page(page, np.memmap(file, mode="r", **place), data)
 
 
 def _place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
@@ -165,14 +160,23 @@ def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None
     return None
 
 
-def exif_block(file: BinaryIO) -> tuple[bytes | None, str]:
-    """Return the descriptive tags of a TIFF file as an EXIF block, None if there are none, and what is lost of them."""
-    file.seek(0)
-    # Offsets in EXIF blocks have 32 bits.
-    if file.read(4) in BIG_MAGIC:
-        return None, ""
-    main = _exif_block.read(file, DESCRIPTIVE)
-    return main.block() if len(main.ifd) or main.tables else None, main.loss
+def of_page(page: tifffile.TiffPage, pixels: NDArray[Any], data: bytes | mmap) -> Picture:
+    """Return a picture with the metadata of a page of a TIFF file, whose descriptive tags become an EXIF block."""
+    tags: Tags = {}
+    if data[:4] not in MAGIC[2:]:  # offsets in EXIF blocks have 32 bits, those of BigTIFF 64
+        tags = tags_of(data, DESCRIPTIVE)
+    xmp, iptc = (_tag_bytes(page, tag) for tag in (XMP_TAG, IPTC_TAG))
+    losses = (C2PA,) if C2PA_TAG in page.tags else ()
+    return Picture(pixels, block_of(tags) if tags else None, page.iccprofile, None, xmp, iptc, losses)
+
+
+def _tag_bytes(page: tifffile.TiffPage, number: int) -> bytes | None:
+    tag = page.tags.get(number)
+    if tag is None:
+        return None
+    file = page.parent.filehandle
+    file.seek(tag.valueoffset)
+    return bytes(file.read(min(tag.valuebytecount, 2**24))) or None
 
 
 def encode(picture: Picture) -> bytes:
@@ -211,30 +215,19 @@ def _tables(file: BinaryIO, picture: Picture) -> Iterator[list[Tag]]:
     """Yield the tags for the file's first directory; afterwards append the EXIF block's tables to the file."""
     # TIFF's types: bytes, and bytes of no type.
     blocks = ((XMP_TAG, 1, picture.xmp), (IPTC_TAG, 7, picture.iptc))
-    tags: list[Tag] = [(tag, kind, len(block), block, True) for tag, kind, block in blocks if block]
-    tables: dict[int, _exif_block.Table] = {}
-    if picture.exif:
-        main = _exif_block.of_block(picture.exif, DESCRIPTIVE)
-        for tag in main.ifd:
-            value, kind = main.ifd[tag], main.ifd.tagtype[tag]
-            # tifffile counts texts itself.
-            count = 0 if kind == ASCII else len(value) if isinstance(value, bytes) else 1
-            tags.append((tag, "s" if kind == ASCII else kind, count, value, True))
-        tables = main.tables
+    fields: list[Tag] = [(tag, kind, len(block), block, True) for tag, kind, block in blocks if block]
+    tags = tags_of(picture.exif, DESCRIPTIVE) if picture.exif else {}
+    fields += [(tag, *value, True) for tag, value in tags.items() if not isinstance(value, dict)]
+    tables = {tag: value for tag, value in tags.items() if isinstance(value, dict)}
     # tifffile does not write pointers to EXIF tables. The tag number below each pointer serves as a placeholder, which
     # keeps the directory in order.
-    yield tags + [(table - 1, LONG, 1, 0, True) for table in tables]
+    yield fields + [(tag - 1, LONG, 1, 0, True) for tag in tables]
     for tag, table in tables.items():
-        _append(file, tag, table)
-
-
-def _append(buffer: BinaryIO, tag: int, table: _exif_block.Table) -> None:
-    """Write an EXIF table at the end of the file and turn its placeholder into a pointer to it."""
-    buffer.seek(0)
-    with tifffile.TiffFile(buffer) as file:
-        placeholder = file.pages.first.tags[tag - 1].offset
-    start = buffer.seek(0, 2)
-    start += buffer.write(b"\0" * (start % 2))
-    buffer.write(table.to_bytes(start))
-    buffer.seek(placeholder)
-    buffer.write(struct.pack("<HHII", tag, LONG, 1, start))
+        file.seek(0)
+        with tifffile.TiffFile(file) as tiff:
+            placeholder = tiff.pages.first.tags[tag - 1].offset
+        start = file.seek(0, 2)
+        start += file.write(b"\0" * (start % 2))
+        file.write(directory(table, start))
+        file.seek(placeholder)
+        file.write(struct.pack("<HHII", tag, LONG, 1, start))

@@ -5,7 +5,6 @@ To add a format, write its `sniff` and `read` and append a `Format` to `FORMATS`
 
 from __future__ import annotations
 
-import codecs
 import math
 import os
 import re
@@ -23,13 +22,14 @@ from rsdeblur.choices import Distortion, ReadoutDirection
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io import gyroflow, kalibr
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request
+from rsdeblur.io.columns import Cell
 from rsdeblur.io.exif import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.gyro_binary import is_video
 from rsdeblur.io.gyro_logs import open_gyro
 from rsdeblur.io.gyroflow import is_gcsv
 from rsdeblur.io.pictures import is_picture, read_header
 from rsdeblur.io.source import Format, Source, choose
-from rsdeblur.io.text import TextFile, cells_of, find_columns, is_number
+from rsdeblur.io.text import TextFile, cells_of, is_number
 from rsdeblur.motion.camera import Camera
 
 WHAT = "camera file"
@@ -134,22 +134,16 @@ def check_editable(path: str | os.PathLike[str]) -> None:
 
 
 def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:
-    """Write `time_offset` into a camera file, whose other lines stay as they are, down to their line ends."""
+    """Write `time_offset` into a camera file, whose other lines stay as they are."""
     time_offset = validate.finite("time_offset", time_offset)
     check_editable(path)
-    data = read_file(path, "camera file")
-    text = data.removeprefix(codecs.BOM_UTF8).decode()
     try:
-        document = tomlkit.parse(text)
+        document = tomlkit.parse(read_file(path, WHAT).decode("utf-8-sig"))
     except (TOMLKitError, RecursionError) as error:
         raise FileFormatError(f"{path}: cannot edit the file ({error}); set time_offset = {time_offset!r}") from error
     document["time_offset"] = time_offset
-    changed = tomlkit.dumps(document)
-    if text.count("\n") == text.count("\r\n") > 0:
-        # A new line ends with a line feed alone.
-        changed = re.sub("(?<!\r)\n", "\r\n", changed)
     with atomic_write(path) as file:
-        file.write(codecs.BOM_UTF8 * data.startswith(codecs.BOM_UTF8) + changed.encode())
+        file.write(tomlkit.dumps(document).encode())
 
 
 def _sniff_toml(source: Source) -> bool:
@@ -195,18 +189,30 @@ def _read_exif(source: Source, request: Request) -> CameraFile:
     return file.fitted(request.size)
 
 
-MARS_FOCAL = (r"fx\s*\[px\]", r"fy\s*\[px\]")
+# Columns of MARS logger by their reduced names: the name of the fact, and how many of its units one of ours has.
+MARS = {
+    "fx": ("focal_length_px", 1.0),
+    "framereadouttime": ("readout_time_s", 1e9),  # Android only
+    "exposuretime": ("exposure_s", 1e9),
+    "exposureduration": ("exposure_s", 1e9),
+    "iso": ("iso", 1.0),
+    "focallength": ("focal_mm", 1.0),
+    "cx": ("cx_px", 1.0),  # iOS only
+    "cy": ("cy_px", 1.0),
+}
 
 
 def _sniff_mars(source: Source) -> bool:
-    return source.looks_like_text and find_columns(source.text.head, MARS_FOCAL) is not None
+    return source.looks_like_text and {"fx", "fy"} <= {Cell.of(cell).name for cell in cells_of(source.text.head)}
 
 
 def _read_mars(source: Source, request: Request) -> CameraFile:
-    facts = mars_facts(source.text)
-    if not facts:
+    if not _sniff_mars(source):
         raise source.error("not MARS logger's metadata: no line names the columns fx[px] and fy[px]")
-    size = request.size or facts.pop("size", None)
+    facts = mars_facts(source.text)
+    # The principal point is near the middle.
+    middle = facts.pop("cx_px", None), facts.pop("cy_px", None)
+    size = request.size or (None if None in middle else tuple(round(2 * side) for side in middle))
     if size is None:
         raise source.error(
             "MARS logger does not write the size of the pictures: make a camera file with rsdeblur camera import, "
@@ -244,38 +250,17 @@ def _read_mars(source: Source, request: Request) -> CameraFile:
 
 
 def mars_facts(text: TextFile) -> dict[str, Any]:
-    """Return what MARS logger's capture metadata contain about the camera; medians of columns, without `null` cells.
-
-    `size` is that of the picture on iOS, whose principal point is near the middle.
-    """
-    places = find_columns(text.head, MARS_FOCAL)
-    if places is None:
-        return {}
-    head = [cell.lower() for cell in cells_of(text.head)]
+    """Return what MARS logger's capture metadata contain about the camera; medians of columns, without `null` cells."""
     rows = [cells_of(text.lines[row]) for row in text.rows[1:]]
-
-    def median(place: int) -> float | None:
-        cells = [float(cells[place]) for cells in rows if place < len(cells) and is_number(cells[place])]
-        value = float(np.median(cells)) if cells else 0.0
-        return value if math.isfinite(value) and value > 0 else None
-
-    def value(pattern: str) -> float | None:
-        return next((median(k) for k, cell in enumerate(head) if re.match(pattern, cell)), None)
-
     facts: dict[str, Any] = {"frames": len(rows)}
-    if (focal_length := median(places[0])) is None:
+    for k, cell in enumerate(cells_of(text.head)):
+        name, per_unit = MARS.get(Cell.of(cell).name, ("", 1.0))
+        numbers = [float(cells[k]) for cells in rows if k < len(cells) and is_number(cells[k])]
+        value = float(np.median(numbers)) if name and numbers else 0.0
+        if math.isfinite(value) and value > 0:
+            facts[name] = value / per_unit
+    if "focal_length_px" not in facts:
         raise text.error("no focal length: all cells of its column are null; give --focal-length")
-    facts["focal_length_px"] = focal_length
-    # Only Android has the readout time, only iOS the principal point.
-    if (readout := value(r"frame readout time\s*\[nanosec\]")) is not None:
-        facts["readout_time_s"] = readout / 1e9
-    if (exposure := value(r"exposure (time|duration)\s*\[nanosec\]")) is not None:
-        facts["exposure_s"] = exposure / 1e9
-    others = {"iso": value("iso"), "focal_mm": value("focal length")}
-    facts |= {name: number for name, number in others.items() if number is not None}
-    cx, cy = value(r"cx\s*\[px\]"), value(r"cy\s*\[px\]")
-    if cx is not None and cy is not None:
-        facts["size"] = (round(2 * cx), round(2 * cy))
     return facts
 
 

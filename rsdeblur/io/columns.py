@@ -138,27 +138,14 @@ class Cell:
         if match is None:
             match = SUFFIX.fullmatch(text)
         name, unit = match.groups() if match else (text, "")
-        known = _unit_of(unit)
+        known = UNIT_OF.get(re.sub(r"\s", "", unit))
         return cls(re.sub(r"[^a-z]", "", name), known, bool(unit) and known is None)
 
 
-def _unit_of(text: str) -> str | None:
-    return UNIT_OF.get(re.sub(r"[\s\[\]()]", "", text[:CELL_WIDTH].lower()))
-
-
 def named_columns(text: TextFile, values: Quantity = RATE, *, stamped: bool = True) -> Columns | None:
-    """Return the columns named by a header; None if no line names the values and, if `stamped`, the timestamps.
-
-    A row of units may follow the names.
-    """
-    headers = text.headers
-    for k, (line, start) in enumerate(headers):
+    """Return the columns named by a header; None if no line names the values and, if `stamped`, the timestamps."""
+    for line, start in text.headers:
         cells = [Cell.of(cell) for cell in cells_of(line)]
-        below = cells_of(headers[k + 1][0]) if start and k + 1 < len(headers) else []
-        if len(below) == len(cells) and all(cell in ("", "-") or _unit_of(cell) for cell in below):
-            units = [_unit_of(cell) for cell in below]
-            cells = [Cell(cell.name, cell.unit or unit, cell.unknown) for cell, unit in zip(cells, units, strict=True)]
-            start += 1
 
         def place(pattern: re.Pattern[str], units: dict[str, str], cells: Sequence[Cell] = cells) -> int:
             fits = (

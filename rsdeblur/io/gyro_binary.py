@@ -18,10 +18,9 @@ import numpy as np
 from rsdeblur._util.extras import missing
 from rsdeblur._util.files import open_file
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io import untrusted
-from rsdeblur.io._heif import AVIF_BRANDS, BRANDS
+from rsdeblur.io._sensor import AVIF_BRANDS, BRANDS
 from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds
-from rsdeblur.io.source import Format, Source
+from rsdeblur.io.source import Format, Refused, Source, check_trusted
 
 # Four-character codes of GoPro that telemetry-parser does not name: readout time (ms), electronic stabilisation.
 GOPRO_READOUT, GOPRO_STABILISED, GOPRO_STABILISER = "0x53524f54", "0x45495345", "0x45495341"
@@ -70,8 +69,6 @@ def _read_trailer(source: Source) -> Samples:
     rates = ordered["rates"].astype(np.float64)
     # Unused places of a ring that never filled up contain zeros.
     used = ordered["ns"] > 0
-    if not np.isfinite(rates[used]).all():
-        raise source.error("the GYRODATA trailer is damaged: a rate is not finite")
     return Samples(
         ordered["ns"][used].astype(np.int64),
         rates[used],
@@ -108,11 +105,11 @@ class Telemetry(NamedTuple):
 def telemetry_of(source: Source) -> Telemetry:
     """Return the telemetry of a video."""
     try:
-        untrusted.check("telemetry of videos", "telemetry-parser")
+        check_trusted("telemetry of videos", "telemetry-parser")
         import telemetry_parser
     except ModuleNotFoundError:
         raise source.error(missing("reading the gyro data of a video needs telemetry-parser", "telemetry")) from None
-    except untrusted.Blocked as error:
+    except Refused as error:
         raise source.error(str(error)) from None
     check_sample_sizes(source)
     try:
@@ -163,8 +160,6 @@ def _read_video(source: Source, sensor: AnySensor) -> Samples:
         # same time.
         times, rates = np.linspace(times[0], times[-1], len(forces)), np.array(forces, dtype=np.float64)
     what = "gyro" if sensor is GYRO else "accelerometer"
-    if not (np.isfinite(times).all() and np.isfinite(rates).all()):
-        raise source.error(f"the video's {what} data are damaged: a sample is not finite")
 
     def error_at(message: str, i: int) -> FileFormatError:
         return source.error(f"{what} sample {i}: {message}")

@@ -149,6 +149,8 @@ def _read_project(source: Source) -> Samples:
             origin = gyro.get("filepath") or project.get("videofile") or "the video"
             raise source.error(f"the project was saved without gyro data; give the file they come from: {origin}")
         t_ms, rates, unit = _decoded(source, raw)
+        if rates.shape[1:] != (3,):
+            raise ValueError("a sample is not three rates")
         letters = gyro.get("imu_orientation") or metadata.get("imu_orientation")
         cautions = [] if letters else [_without_orientation(DEFAULT_ORIENTATION)]
         # Applied in Gyroflow's order: bias (deg/s, raw axes, added), orientation, rotation (pitch, roll, yaw in deg).
@@ -200,21 +202,15 @@ def _decoded(source: Source, raw: Any) -> tuple[FloatArray, FloatArray, str]:
     if isinstance(raw, str):
         data = _payload(source, raw)
         if _looks_like_bincode(data):
-            return _finite(*_bincode(data), "deg/s")
+            return *_bincode(data), "deg/s"
         raw = _cbor(source, data)
     if isinstance(raw[0], Mapping):
         readings = [sample for sample in raw if sample.get("gyro") is not None]
         times = np.array([sample["timestamp_ms"] for sample in readings], dtype=np.float64)
-        return _finite(times, np.array([sample["gyro"] for sample in readings], dtype=np.float64), "deg/s")
+        return times, np.array([sample["gyro"] for sample in readings], dtype=np.float64), "deg/s"
     # The first versions of Gyroflow, written in Python, saved rows of s and rad/s.
     table = np.array(raw, dtype=np.float64)
-    return _finite(1e3 * table[:, 0], table[:, 1:4], "rad/s")
-
-
-def _finite(times: FloatArray, rates: FloatArray, unit: str) -> tuple[FloatArray, FloatArray, str]:
-    if rates.ndim != 2 or rates.shape[1] != 3 or not np.isfinite(rates).all() or not np.isfinite(times).all():
-        raise ValueError("a sample is not three finite rates with a time")
-    return times, rates, unit
+    return 1e3 * table[:, 0], table[:, 1:4], "rad/s"
 
 
 def _payload(source: Source, text: str) -> bytes:

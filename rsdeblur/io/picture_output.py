@@ -22,8 +22,8 @@ from rsdeblur._util.atomic import atomic_write, check_target, reserve
 from rsdeblur._util.files import checked_path
 from rsdeblur.errors import InputError, OutputError
 from rsdeblur.io import _tiff
-from rsdeblur.io._exif_block import PREFIX
 from rsdeblur.io._metadata import PNG_IPTC, Picture, png_iptc, renewed
+from rsdeblur.io.exif import PREFIX
 from rsdeblur.io.pictures import DAMAGE
 
 KINDS = {

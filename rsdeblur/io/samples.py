@@ -112,9 +112,9 @@ def table_samples(table: Table, ns: NDArray[np.int64] | None, *, scale: float = 
 
 
 def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64]:
-    """Return finite timestamps in ms as integers in ns; raise the error of the first one that does not fit."""
+    """Return timestamps in ms as integers in ns; raise the error of the first one that does not fit."""
     # float64 is coarser than 1 ns near the limit: a margin keeps rounding inside.
-    (beyond,) = np.nonzero(np.abs(milliseconds) >= (INT64_LIMIT - 1024) / 1e6)
+    (beyond,) = np.nonzero(~(np.abs(milliseconds) < (INT64_LIMIT - 1024) / 1e6))
     if beyond.size:
         i = int(beyond[0])
         raise error_at(f"timestamp {milliseconds[i]:g} ms is beyond the int64 range of nanoseconds (292 years)", i)
@@ -178,12 +178,13 @@ def _check_gravity(size: float, units: Mapping[str, float], unit: str, error: Ca
 
 
 def _check_values(samples: Samples, what: str, unit: str, error: Callable[[str], FileFormatError]) -> None:
-    """Raise `FileFormatError` if there are no samples, or one is so large that computing with it may overflow."""
+    """Raise `FileFormatError` if there are no samples, or one is not finite or so large that computing may overflow."""
     values = samples.values
     if not len(values):
         raise error("the file contains no samples")
-    if max(values.max(), -values.min()) > LARGEST_RATE:
-        i = int(np.argwhere(np.abs(values) > LARGEST_RATE)[0, 0])
+    (bad,) = np.nonzero(~(np.abs(values) <= LARGEST_RATE).all(axis=1))
+    if bad.size:
+        i = int(bad[0])
         raise samples.error_at(f"impossible {what}: {values[i].tolist()} {unit}; is the unit right?", i)
 
 

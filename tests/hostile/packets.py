@@ -12,8 +12,8 @@ from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
 from rsdeblur.io import picture_output
-from rsdeblur.io._metadata import C2PA_BOX, C2PA_TAG, PNG_IPTC, Picture, png_iptc
-from tests.hostile import seeds
+from rsdeblur.io._metadata import PNG_IPTC, Picture, png_iptc
+from tests._util import files
 
 NAMESPACES = " ".join(
     f'xmlns:{prefix}="{uri}"'
@@ -59,7 +59,7 @@ PACKETS = [
 
 def timed_exif(zone: str | None = "+01:00", fix: float | None = 29.0, width: int = 4000) -> bytes:
     """Return an EXIF block with the time of the logs, its time zone, the seconds of a GPS fix, and a thumbnail."""
-    when = datetime.fromtimestamp(seeds.EPOCH // 10**9, UTC)
+    when = datetime.fromtimestamp(files.EPOCH // 10**9, UTC)
     block = Image.Exif()
     block[271], block[274], block[306] = "Maker", 1, when.strftime("%Y:%m:%d %H:%M:%S")
     texts = {0x9003: block[306], 0x9291: "427", 0x9290: "427"} | ({0x9010: zone, 0x9011: zone} if zone else {})
@@ -68,10 +68,10 @@ def timed_exif(zone: str | None = "+01:00", fix: float | None = 29.0, width: int
     block.get_ifd(0x8769).update({0xA404: IFDRational(2), 0xA405: 26})
     if fix is not None:
         block.get_ifd(0x8825).update({7: (float(when.hour), float(when.minute), fix), 29: when.strftime("%Y:%m:%d")})
-    return _with_thumbnail(block.tobytes(), seeds.encoded("JPEG", seeds.picture((6, 8), "uint8")))
+    return with_thumbnail(block.tobytes(), files.encoded("JPEG", files.picture((6, 8), "uint8")))
 
 
-def _with_thumbnail(exif: bytes, thumbnail: bytes) -> bytes:
+def with_thumbnail(exif: bytes, thumbnail: bytes) -> bytes:
     """Return a block of Pillow's, in big-endian order, with a second directory behind it."""
     data = exif.removeprefix(b"Exif\0\0")
     end = _end(data)
@@ -88,7 +88,7 @@ def _end(data: bytes) -> int:
 
 def exifs() -> list[bytes]:
     """Return EXIF blocks of several kinds."""
-    blocks = [seeds.exif(), timed_exif(), timed_exif(None), timed_exif(None, None), timed_exif(None, 450), b""]
+    blocks = [files.exif(), timed_exif(), timed_exif(None), timed_exif(None, None), timed_exif(None, 450), b""]
     # A resolution that divides by zero, or beyond what 32 bits carry.
     for block, value in ((blocks[1], (8000, 0)), (timed_exif(width=1), (2**32 - 1, 1))):
         (place,) = struct.unpack_from(">I", block, block.index(struct.pack(">HHI", 0xA20E, 5, 1)) + 8)
@@ -103,49 +103,49 @@ def exifs() -> list[bytes]:
 
 def jpegs() -> list[bytes]:
     """Return JPEGs with metadata."""
-    plain = seeds.jpeg(xmp=PACKETS[0])
+    plain = files.jpeg(xmp=PACKETS[0])
     segments = [
         (0xE1, b"http://ns.adobe.com/xmp/extension/\0" + bytes(40)),
         (0xE2, b"MPF\0II*\0\x08\0\0\0\0\0"),
         (0xEB, b"JP\0\1\0\0\0\1\0\0\0\x1bjumb\0\0\0\x13jumdc2pa\0\0\0"),
     ]
     marked = b"".join(struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body for marker, body in segments)
-    rotated = seeds.encoded("JPEG", seeds.picture((12, 20, 3), "uint8"), exif=timed_exif(), xmp=PACKETS[1])
-    iptc = seeds.jpeg(xmp=PACKETS[0], extra=picture_output.iptc_segment(RECORD))
+    rotated = files.encoded("JPEG", files.picture((12, 20, 3), "uint8"), exif=timed_exif(), xmp=PACKETS[1])
+    iptc = files.jpeg(xmp=PACKETS[0], extra=picture_output.iptc_segment(RECORD))
     return [iptc, plain[:2] + marked + plain[2:], rotated]
 
 
 def pngs() -> list[bytes]:
     """Return PNGs with metadata."""
-    pixels, files = seeds.picture((12, 20, 3), "uint8"), []
+    pixels, found = files.picture((12, 20, 3), "uint8"), []
     profile = b"\0" * 16 + b"GRAY" + b"\0" * 108
-    grey = Picture(seeds.picture((12, 20), "uint16"), timed_exif(), profile, xmp=PACKETS[0], iptc=RECORD)
+    grey = Picture(files.picture((12, 20), "uint16"), timed_exif(), profile, xmp=PACKETS[0], iptc=RECORD)
     for text in (png_iptc(RESOURCE).decode(), png_iptc(RECORD).decode()[:-2], "iptc", ""):
         info, buffer = PngInfo(), BytesIO()
         info.add_text(PNG_IPTC, text)
-        info.add(b"caBX", C2PA_BOX, after_idat=False)
+        info.add(b"caBX", b"jumdc2pa", after_idat=False)
         Image.fromarray(pixels).save(buffer, "PNG", pnginfo=info)
-        files.append(buffer.getvalue())
-    return [*files, picture_output.encode("PNG", grey)]
+        found.append(buffer.getvalue())
+    return [*found, picture_output.encode("PNG", grey)]
 
 
 def webps() -> list[bytes]:
     """Return a WebP with metadata."""
-    data = seeds.encoded("WebP", seeds.picture((12, 20, 3), "uint8"), lossless=True, xmp=PACKETS[0])
+    data = files.encoded("WebP", files.picture((12, 20, 3), "uint8"), lossless=True, xmp=PACKETS[0])
     data += b"C2PA" + struct.pack("<I", 4) + bytes(4)
     return [data[:4] + struct.pack("<I", len(data) - 8) + data[8:]]
 
 
 def tiffs() -> list[bytes]:
     """Return TIFFs with metadata, and of floats and of JPEG 2000."""
-    rgb = seeds.picture((12, 20, 3), "uint8")
-    manifest: Any = [(C2PA_TAG, 7, 4, bytes(4), True)]
-    floats = seeds.tiff(seeds.picture((12, 20), "float32"))
+    rgb = files.picture((12, 20, 3), "uint8")
+    manifest: Any = [(0xCD41, 7, 4, bytes(4), True)]
+    floats = files.tiff(files.picture((12, 20), "float32"))
     return [
         *(floats + bytes(k) for k in range(5)),
-        seeds.tiff(rgb, photometric="rgb", compression="jpeg2000"),
+        files.tiff(rgb, photometric="rgb", compression="jpeg2000"),
         picture_output.encode("TIFF", Picture(rgb, timed_exif(), xmp=PACKETS[0], iptc=RECORD)),
-        seeds.tiff(rgb, photometric="rgb", extratags=manifest),
+        files.tiff(rgb, photometric="rgb", extratags=manifest),
     ]
 
 
@@ -153,10 +153,10 @@ def heics() -> list[bytes]:
     """Return HEIC pictures with metadata, one of 10 bits."""
     import pillow_heif
 
-    files = []
+    found = []
     for mode, dtype in (("RGB", "uint8"), ("RGB;16", "uint16")):
         buffer = BytesIO()
-        picture = pillow_heif.from_bytes(mode, (24, 16), seeds.picture((16, 24, 3), dtype).tobytes())
+        picture = pillow_heif.from_bytes(mode, (24, 16), files.picture((16, 24, 3), dtype).tobytes())
         picture.save(buffer, quality=50, xmp=PACKETS[0])
-        files.append(buffer.getvalue())
-    return files
+        found.append(buffer.getvalue())
+    return found
