@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import struct
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import Any, Literal
@@ -20,10 +21,11 @@ from rsdeblur.io.exif import renewed as renewed_exif
 
 # Parts that belong to the original only, and bytes that show them in its file or XMP packet.
 C2PA = "the C2PA manifest, which is valid for the bytes of the original only"
-GAIN_MAP = "the HDR gain map, which fits the blurred picture"
 LOSSES = {
     C2PA: (b"jumdc2pa",),
-    GAIN_MAP: (b"hdrgm:", b"HDRGainMap:", b'"GainMap"', b">GainMap<", b"aux:hdrgainmap", b"\0\0tmap\0"),
+    "the HDR gain map, which fits the blurred picture": (
+        *(b"hdrgm:", b"HDRGainMap:", b'"GainMap"', b">GainMap<", b"aux:hdrgainmap", b"\0\0tmap\0"),
+    ),
     "the pictures behind the photo (MPF: gain map, preview, depth)": (b"MPF\0II*\0", b"MPF\0MM\0*"),
     "the video of the motion photo": (b"MotionPhoto", b"MicroVideo"),
     "the extended part of the XMP packet (depth map or original picture)": (b"http://ns.adobe.com/xmp/extension/\0",),
@@ -119,7 +121,7 @@ def linear_profile() -> bytes:
     return header.ljust(128, b"\0") + table + body
 
 
-def of_info(info: dict[str, Any], data: bytes, pixels: NDArray[Any], exif: bytes | None) -> Picture:
+def of_info(info: Mapping[Any, Any], data: bytes, pixels: NDArray[Any], exif: bytes | None) -> Picture:
     """Return the picture of a file, whose metadata are in `info` as Pillow names them."""
     xmp = info.get("xmp")
     xmp = xmp.encode() if isinstance(xmp, str) else xmp

@@ -33,14 +33,6 @@ XMP_TAG, IPTC_TAG, C2PA_TAG = 700, 33723, 0xCD41
 # maker, model, orientation, software, time, artist, computer, rating, copyright, and texts of Windows.
 DESCRIPTIVE = (270, 271, 272, ORIENTATION, 305, 306, 315, 316, 18246, 18249, 33432, *range(40091, 40096))
 Tag = tuple[int, str | int, int, Any, bool]
-# Most bytes per pixel: four samples of 32 bits.
-PIXEL_BYTES = 16
-# A TIFF may be compressed by anything, such as JPEG XL, which takes 2 s for twice as many pixels. Pictures beyond this
-# size must not have more pixels per byte than a plain one as JPEG, if their codec is as slow.
-BELIEVED_PIXELS = 16_000_000
-SLOW_PIXELS_PER_BYTE = 100
-# JPEG XL, JPEG XR and JPEG 2000, each under several numbers.
-SLOW = (50002, 52546, 22610, 34934, 33003, 33004, 33005, 34712)
 
 
 def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
@@ -61,13 +53,16 @@ def decode(data: bytes, max_pixels: int) -> Picture:
     check_trusted("TIFF", "tifffile")
     with tifffile.TiffFile(BytesIO(data)) as file:
         page = first_page(file)
-        if page.compression in SLOW:
-            max_pixels = min(max_pixels, max(BELIEVED_PIXELS, SLOW_PIXELS_PER_BYTE * len(data)))
+        # A TIFF may be compressed by anything, such as JPEG XL, which takes 2 s for twice as many pixels. Larger
+        # pictures must not have more pixels per byte than a plain one, as JPEG if their codec is as slow.
+        codec = tifffile.COMPRESSION(page.compression).name
+        per_byte = 100 if any(slow in codec for slow in ("JPEGXL", "JPEGXR", "2000")) else 1000
+        max_pixels = min(max_pixels, max(16_000_000, per_byte * len(data)))
         # page.size counts the samples of all planes of a volume, up to four per pixel.
         if max(page.imagewidth * page.imagelength, page.size // 4) > max_pixels:
             raise Refused(f"the picture claims {page.imagewidth}x{page.imagelength} pixels; the limit is {max_pixels}")
-        if page.nbytes > PIXEL_BYTES * max_pixels:
-            raise Refused(f"the picture claims {page.nbytes} bytes; the limit is {PIXEL_BYTES * max_pixels}")
+        if page.nbytes > 16 * max_pixels:  # four samples of 32 bits
+            raise Refused(f"the picture claims {page.nbytes} bytes; the limit is {16 * max_pixels}")
         if max(np.add(page.dataoffsets, page.databytecounts)) > len(data):
             raise EOFError("the file ends within the samples")
         if np.prod(page.chunked) > len(data):
@@ -75,6 +70,8 @@ def decode(data: bytes, max_pixels: int) -> Picture:
         # Strips that share bytes would let a small file claim more pixels than its size makes credible.
         if sum(page.databytecounts) > len(data):
             raise ValueError("strips or tiles of the picture overlap in the file")
+        if _is_premultiplied(page):
+            raise Refused("the colours of the TIFF are multiplied by its alpha; save it with plain alpha, or without")
         samples = page.asarray()
         pixels = _plain(page, np.moveaxis(samples, 0, -1) if page.axes.startswith("S") else samples)
         if pixels is None or pixels.ndim > 3 or (pixels.ndim == 3 and pixels.shape[2] not in (2, 3, 4)):
@@ -82,8 +79,7 @@ def decode(data: bytes, max_pixels: int) -> Picture:
                 f"TIFF with {page.samplesperpixel} samples of {page.bitspersample} bits ({page.photometric!r}) is not "
                 "supported; convert it to grey or RGB of 8 or 16 bits without sign, or float"
             )
-        pixels = np.ascontiguousarray(_straight(pixels) if _is_premultiplied(page) else pixels)
-        return of_page(page, pixels, data)
+        return of_page(page, np.ascontiguousarray(pixels), data)
 
 
 def mapped(file: BinaryIO, size: int) -> Picture | None:
@@ -120,17 +116,6 @@ def _place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
 def _is_premultiplied(page: tifffile.TiffPage) -> bool:
     """Whether the colours are multiplied by alpha."""
     return tuple(page.extrasamples) == (tifffile.EXTRASAMPLE.ASSOCALPHA,)
-
-
-def _straight(pixels: NDArray[Any]) -> NDArray[Any]:
-    """Return premultiplied colours and their alpha with the colours divided by alpha; those without alpha stay."""
-    colours, alpha = pixels[..., :-1].astype(np.float32), pixels[..., -1:].astype(np.float32)
-    full = 1 if pixels.dtype.kind == "f" else np.iinfo(pixels.dtype).max
-    with np.errstate(over="ignore"):  # floats: infinity, which is refused where it matters
-        np.divide(colours * full, alpha, out=colours, where=alpha > 0)
-    straight = pixels.copy()
-    straight[..., :-1] = colours if full == 1 else np.rint(np.minimum(colours, full))
-    return straight
 
 
 def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None:

@@ -18,10 +18,9 @@ from tomlkit.exceptions import TOMLKitError
 from rsdeblur._util import ffmpeg, validate
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import read_file
-from rsdeblur.choices import Distortion, ReadoutDirection
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io import gyroflow, kalibr
-from rsdeblur.io.camera_file import Assumption, CameraFile, Request
+from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished
 from rsdeblur.io.columns import Cell
 from rsdeblur.io.exif import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.gyro_binary import is_video
@@ -121,16 +120,13 @@ def detect_camera_format(path: str | os.PathLike[str]) -> str:
 
 def check_editable(path: str | os.PathLike[str]) -> None:
     """Check that `write_time_offset` can edit a file, before the work that finds the offset."""
-    try:
-        Camera.load(path)
-    except FileFormatError as error:
-        format = open_camera(path).format
-        if format == "toml":
-            raise
+    format = detect_camera_format(path)
+    if format != "toml":
         raise FileFormatError(
             f"{path}: a file of the format {format} has no place for the time offset; make a camera file of it: "
             f"rsdeblur camera import {path} -o camera.toml"
-        ) from error
+        )
+    Camera.load(path)
 
 
 def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:
@@ -163,30 +159,24 @@ def _read_exif(source: Source, request: Request) -> CameraFile:
     axes = "phone-landscape" if width >= height else "phone-portrait"
     try:
         focal_length, origin = exif.focal_px(width, height)
-        camera = Camera(width, height, focal_length, imu_to_camera=axes)
     except InputError as error:
         raise source.error(
             f"it is a picture, and its {error}; give a camera file, calibrate the camera, or give its focal length: "
             "rsdeblur camera new"
         ) from error
-    assumptions = [
-        Assumption(
-            "focal_length",
-            f"the focal length of {focal_length:.0f} px is estimated from EXIF ({origin}), to a few percent at best",
-        ),
-        Assumption(
-            "readout_time", "EXIF does not contain the readout time: 0 is assumed; give it if the shutter rolls"
-        ),
+    text = f"the focal length of {focal_length:.0f} px is estimated from EXIF ({origin}), to a few percent at best"
+    assumed = [
+        Assumption("focal_length", text),
         Assumption("imu_to_camera", f"EXIF does not contain the axes of the gyro: {axes} is assumed"),
     ]
     zoom = exif.number(ZOOM)
     if zoom and zoom > 1:
         text = f"the picture was zoomed {zoom:.3g} times digitally; the 35 mm equivalent may or may not include that"
-        assumptions.append(Assumption("focal_length", text))
+        assumed.append(Assumption("focal_length", text))
     facts: dict[str, Any] = {"make": exif.text(MAKE), "model": exif.text(MODEL), "orientation": exif.orientation}
-    facts["exposure_s"] = exif.exposure
-    file = CameraFile(camera, "exif", {key: value for key, value in facts.items() if value}, tuple(assumptions))
-    return file.fitted(request.size)
+    facts = {key: value for key, value in (facts | {"exposure_s": exif.exposure}).items() if value}
+    fields = {"size": (width, height), "focal_length": focal_length, "readout_time": None, "imu_to_camera": axes}
+    return finished(source, request, "exif", assumed, facts, **fields)
 
 
 # Columns of MARS logger by their reduced names: the name of the fact, and how many of its units one of ours has.
@@ -219,34 +209,28 @@ def _read_mars(source: Source, request: Request) -> CameraFile:
             "--size 1920x1080, or 1080x1920 for upright frames, and the width of the whole sensor, to which its focal "
             "length often refers: --sensor-width 4000"
         )
-    width, height = size
-    stored, readout = facts.pop("focal_length_px"), facts.pop("readout_time_s", None)
-    focal_length = request.focal_length or stored
-    assumptions = []
+    focal_length, readout_time = facts.pop("focal_length_px"), facts.pop("readout_time_s", None)
+    assumed = []
     if request.focal_length is None and request.sensor_width is not None:
-        focal_length = focal_length * max(size) / request.sensor_width
+        focal_length *= max(size) / request.sensor_width
     elif request.focal_length is None:
         view = math.degrees(2 * math.atan(max(size) / focal_length / 2))
         text = f"the focal length of {focal_length:g} px, a field of view of {view:.0f} degrees, is taken as it is"
         # The main cameras of phones see more along the longer side, so a smaller view suggests another scale.
         if view < 50:
             text += "; that is little for a phone: if it refers to the whole sensor, give --sensor-width, like 4000"
-        assumptions.append(Assumption("focal_length", text))
-    upright = height > width
-    axes, direction = _phone(upright)
-    if readout is None:
-        text = "the file contains no readout time: 0 is assumed; give it, because the shutter rolls"
-        assumptions.append(Assumption("readout_time", text))
-    shape = "upright" if upright else "landscape"
-    assumptions += [
+        assumed.append(Assumption("focal_length", text))
+    # The sensor of a rear camera is mounted landscape and read from the top.
+    axes, direction, shape = "phone-landscape", "top-down", "landscape"
+    if size[1] > size[0]:
+        axes, direction, shape = "phone-portrait", "right-left", "upright"
+    assumed += [
         Assumption("readout_direction", f"the readout direction {direction} is assumed, as of {shape} frames"),
         Assumption("imu_to_camera", f"the axes {axes} are assumed, as of {shape} frames of a rear camera"),
     ]
-    with source.parsing("the camera"):
-        camera = Camera(
-            width, height, focal_length, readout_time=readout or 0.0, readout_direction=direction, imu_to_camera=axes
-        )
-    return CameraFile(camera, "mars", facts, tuple(assumptions))
+    fields: dict[str, Any] = {"readout_direction": direction, "imu_to_camera": axes}
+    fields |= {"size": size, "focal_length": focal_length, "readout_time": readout_time}
+    return finished(source, request, "mars", assumed, facts, **fields)
 
 
 def mars_facts(text: TextFile) -> dict[str, Any]:
@@ -264,11 +248,6 @@ def mars_facts(text: TextFile) -> dict[str, Any]:
     return facts
 
 
-def _phone(upright: bool) -> tuple[str, ReadoutDirection]:
-    """Return axes and readout direction of a rear camera: its sensor is mounted landscape and read from the top."""
-    return ("phone-portrait", "right-left") if upright else ("phone-landscape", "top-down")
-
-
 def _sniff_log(source: Source) -> bool:
     return is_video(source) or (source.looks_like_text and is_gcsv(source.text))
 
@@ -283,12 +262,12 @@ def _read_log(source: Source, request: Request) -> CameraFile:
             "the file does not contain the size of the picture: make a camera file with rsdeblur camera import and "
             "--size 1920x1080"
         )
-    view, readout = facts.get("field_of_view_deg"), facts.pop("readout_time_s", None)
-    direction = facts.pop("readout_direction", "top-down")
-    focal_length = request.focal_length
-    model: Distortion = "none"
-    assumptions = []
-    if focal_length is None:
+    fields: dict[str, Any] = {"size": size, "focal_length": request.focal_length, "imu_to_camera": "gyroflow"}
+    fields |= {"readout_time": facts.pop("readout_time_s", None), "timestamp_marks": "middle"}
+    fields["readout_direction"] = facts.pop("readout_direction", "top-down")
+    assumed = []
+    if request.focal_length is None:
+        view = facts.get("field_of_view_deg")
         if view is None:
             raise source.error(
                 "the file does not contain the focal length; give --focal-length or --focal35, or import a lens "
@@ -296,29 +275,16 @@ def _read_log(source: Source, request: Request) -> CameraFile:
             )
         # Without digital correction, action cameras have an equidistant lens, to a few percent.
         focal_length = math.hypot(*size) / 2 / math.radians(view / 2)
-        model = "fisheye"
+        fields |= {"focal_length": focal_length, "distortion_model": "fisheye", "distortion": (0.0,) * 4}
         text = (
             f"the focal length of {focal_length:.0f} px follows from the field of view of {view:.1f} degrees and an "
             "equidistant lens, to a few percent at best; a lens profile of Gyroflow is better"
         )
-        assumptions.append(Assumption("focal_length", text))
-    if readout is None:
-        assumptions.append(Assumption("readout_time", "the file contains no readout time: 0 is assumed; give it"))
+        assumed.append(Assumption("focal_length", text))
     if "stabilised" in facts:
         text = f"the camera stabilised the video ({facts['stabilised']}), so its blur is not that of the gyro"
-        assumptions.append(Assumption("", text))
-    with source.parsing("the camera"):
-        camera = Camera(
-            *size,
-            focal_length,
-            readout_time=readout or 0.0,
-            readout_direction=direction,
-            imu_to_camera="gyroflow",
-            timestamp_marks="middle",
-            distortion_model=model,
-            distortion=(0.0,) * 4 if model == "fisheye" else (),
-        )
-    return CameraFile(camera, "video" if is_video(source) else "gcsv", facts, tuple(assumptions))
+        assumed.append(Assumption("", text))
+    return finished(source, request, "video" if is_video(source) else "gcsv", assumed, facts, **fields)
 
 
 def _video_size(source: Source) -> tuple[int, int] | None:

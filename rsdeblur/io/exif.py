@@ -62,11 +62,6 @@ class Exif:
         return self.number(Base.ExposureTime)
 
     @property
-    def iso(self) -> float | None:
-        """ISO sensitivity."""
-        return self.number(Base.ISOSpeedRatings)
-
-    @property
     def orientation(self) -> int:
         """How viewers turn the stored picture: 1 (not at all) to 8."""
         value = self.main.get(Base.Orientation)
@@ -168,8 +163,8 @@ def _shown(ns: int) -> str:
 
 PREFIX = b"Exif\0\0"
 ORIENTATION = Base.Orientation
-# Kinds of values in TIFF.
-ASCII, SHORT, LONG, TIFF_TABLE = 2, 3, 4, 13
+# Kinds of whole numbers in TIFF.
+SHORT, LONG = 3, 4
 # Tables that the tables of a block point to.
 POINTERS: dict[int | None, tuple[int, ...]] = {None: (IFD.Exif, IFD.GPSInfo), IFD.Exif: (IFD.Interop,)}
 # Values by tag: their kind, their number, and their bytes, least significant first; or the values of another table.
@@ -195,7 +190,7 @@ class _Directory:
         """Return a whole number; 0 if it is missing."""
         place = self.places.get(tag)
         kind = self.unpack("H", place + 2) if place is not None else 0
-        if place is None or kind not in (SHORT, LONG, TIFF_TABLE):
+        if place is None or kind not in (SHORT, LONG, 13):  # 13: the place of a table
             return 0
         return self.unpack("H" if kind == SHORT else "I", place + 8)
 
@@ -318,20 +313,15 @@ def _renew_thumbnail(main: _Directory, draw: Callable[[int], bytes | None]) -> N
     if not 0 < start < len(data) - 2:
         return
     second = _Directory(data, start)
-    is_drawn = False
-    # Place and length of a JPEG, or of plain samples.
-    jpeg, samples = (Base.JpegIFOffset, Base.JpegIFByteCount), (Base.StripOffsets, Base.StripByteCounts)
-    for place_tag, length_tag in (jpeg, samples):
-        place, length = second.number(place_tag), second.number(length_tag)
-        if not length or place >= len(data):
-            continue
+    place = second.number(Base.JpegIFOffset)
+    length = min(second.number(Base.JpegIFByteCount), len(data) - place)
+    new = None
+    if length > 0:
         if place <= main.end:
             raise ValueError("the thumbnail claims the bytes of the first directory")
-        length = min(length, len(data) - place)
-        new = draw(length) if place_tag == Base.JpegIFOffset else None
+        new = draw(length)
         data[place : place + length] = (new or b"").ljust(length, b"\0")
-        if new is not None:
-            second.set(length_tag, LONG, len(new))
-            is_drawn = True
-    if not is_drawn:
+    if new is None:
         struct.pack_into("4s", data, main.end, bytes(4))
+    else:
+        second.set(Base.JpegIFByteCount, LONG, len(new))

@@ -43,15 +43,7 @@ PIXELS_PER_BYTE = 1000
 
 PNG_MAGIC, NPY_MAGIC = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
 
-# Encoders write about ten scans into a progressive picture. Each scan takes as long to decode as a whole picture,
-# but its data may be as short as fifty bytes.
-MOST_SCANS = 100
-# Pictures may have twelve scans at any size, and more while the pixels of all scans are at most these: some 2 s.
-ORDINARY_SCANS, MOST_SCANNED = 12, 1_000_000_000
-
 JPEG_START, END, SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
-# Start of frame, of any coding; after the segment's length and the precision it has height and width.
-FRAMES = [bytes((0xFF, kind)) for kind in range(0xC0, 0xD0) if kind not in (0xC4, 0xC8, 0xCC)]
 # Inside coded samples, 0xFF is followed by 0 or by a restart marker (D0 to D7); these are not matched.
 MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
@@ -224,7 +216,7 @@ def _decode(data: bytes, suffix: str) -> Picture:
     if _sensor.is_heif(data):
         return _sensor.decode_heif(data, limit)
     if data.startswith(_tiff.MAGIC):
-        return _tiff.decode(data, min(limit, max(_tiff.BELIEVED_PIXELS, PIXELS_PER_BYTE * len(data))))
+        return _tiff.decode(data, limit)
     if data.startswith(NPY_MAGIC):
         return Picture(np.ndarray(buffer=data, **_npy_place(BytesIO(data), len(data))).copy())
     if data.startswith(JPEG_START):
@@ -243,13 +235,20 @@ def _decode(data: bytes, suffix: str) -> Picture:
 
 
 def check_scans(data: bytes) -> None:
-    """Refuse a JPEG with too many scans."""
-    place, scans, most = len(JPEG_START), 0, MOST_SCANS
+    """Refuse a JPEG with too many scans.
+
+    Encoders write about ten into a progressive picture. Each takes as long to decode as a whole picture, but its data
+    may be as short as fifty bytes. Allowed are twelve at any size, and up to 100 while the pixels of all scans are at
+    most 10^9, some 2 s.
+    """
+    # Start of frame, of any coding; after the segment's length and the precision it has height and width.
+    frames = [bytes((0xFF, kind)) for kind in range(0xC0, 0xD0) if kind not in (0xC4, 0xC8, 0xCC)]
+    place, scans, most = len(JPEG_START), 0, 100
     while (marker := MARKER.search(data, place)) and marker[0] != END:
         start = marker.end()
-        if marker[0] in FRAMES:
+        if marker[0] in frames:
             height, width = (int.from_bytes(data[start + n : start + n + 2], "big") for n in (3, 5))
-            most = min(MOST_SCANS, max(ORDINARY_SCANS, MOST_SCANNED // max(height * width, 1)))
+            most = min(100, max(12, 10**9 // max(height * width, 1)))
         scans += marker[0] == SCAN
         if scans > most:
             raise ValueError(f"the JPEG has more than {most} scans")

@@ -23,8 +23,9 @@ NUMBER = re.compile(r"\s*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 
 INT64_LIMIT = 2**63
-# The names of the columns are among the first lines; some apps write a few lines about the recording above them.
-PREAMBLE = 20
+# Rows, spread over a table, that decide its layout: enough that no rate rises from each to the next by chance. The names
+# of the columns are among as many first rows, because apps write lines about the recording above them.
+LAYOUT_ROWS = 50
 # Characters of the longest line that may name columns or contain dates: a ROS topic with all its covariances has 1500.
 HEADER_WIDTH = 4096
 # First bytes of files that contain a log, but not as text.
@@ -82,8 +83,8 @@ class TextFile:
         if ISO_TIMESTAMP.search(lines[rows[len(rows) // 2]][:HEADER_WIDTH]):
             text = ISO_TIMESTAMP.sub(_unix_timestamp, text)
             lines = text.split("\n")
-        # A number without a fraction has no comma, but hardly all numbers of 50 rows are such.
-        if any(_has_decimal_commas(lines[row]) for row in spread(rows, 50)):
+        # A number without a fraction has no comma, but hardly all numbers of so many rows are such.
+        if any(_has_decimal_commas(lines[row]) for row in spread(rows, LAYOUT_ROWS)):
             text = text.replace(",", ".")
             lines = text.split("\n")
         return cls(path, lines, rows, start)
@@ -105,12 +106,12 @@ class TextFile:
         above it.
         """
         named: list[tuple[str, int]] = []
-        for i, row in enumerate(self.rows[:PREAMBLE]):
+        for i, row in enumerate(self.rows[:LAYOUT_ROWS]):
             if len(self.lines[row]) > HEADER_WIDTH or all(map(is_number, cells_of(self.lines[row]))):
                 break
             named.append((self.lines[row].lstrip("% "), i + 1))
         above = (line.lstrip().removeprefix("#") for line in reversed(self.lines[: self.rows[0]]))
-        return named or [(line, 0) for line in islice(above, PREAMBLE) if line.strip() and len(line) <= HEADER_WIDTH]
+        return named or [(line, 0) for line in islice(above, LAYOUT_ROWS) if line.strip() and len(line) <= HEADER_WIDTH]
 
     def error(self, message: str, row: int | np.intp | None = None) -> FileFormatError:
         """Return the error that names the file and the line; `row` counts from 0, the message from 1."""

@@ -432,7 +432,7 @@ def tiffs() -> list[bytes]:
         encoded("TIFF", rgb, exif=exif()),
         tiff(picture((16, 16, 3), "uint8"), photometric="ycbcr", compression="jpeg"),
         tiff(picture((12, 20, 4), "uint8"), photometric="separated"),
-        tiff(picture((12, 20, 4), "uint16"), photometric="rgb", extrasamples=["assocalpha"]),
+        tiff(picture((12, 20, 4), "uint16"), photometric="rgb", extrasamples=["unassalpha"]),
         tiff(np.packbits(picture((12, 16), "uint8") > 99, axis=1), bitspersample=1, photometric="miniswhite"),
     ]
 

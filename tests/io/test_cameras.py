@@ -62,9 +62,7 @@ class TestLensProfile:
     ) -> None:
         file = open_camera(write(profile(frame_readout_time=time, frame_readout_direction=word)))
         assert (file.camera.readout_time, file.camera.readout_direction) == (readout_time, direction)
-        assert any("does not contain the readout" in assumption.text for assumption in file.assumptions) == (
-            time is None
-        )
+        assert any("not contain the readout" in assumption.text for assumption in file.assumptions) == (time is None)
 
     def test_an_implausible_readout_is_an_assumption(self, write: Write) -> None:
         assert "implausible" in open_camera(write(profile(frame_readout_time=0.41))).assumptions[0].text
@@ -213,7 +211,7 @@ class TestExif:
     def test_portrait_and_zoom(self, tmp_path: Path) -> None:
         file = open_camera(photo(tmp_path / "a.jpg", (300, 400), f35=52, zoom=2.0))
         np.testing.assert_array_equal(file.camera.imu_to_camera, imu_to_camera("phone-portrait"))
-        assert "zoomed 2 times" in file.assumptions[-1].text
+        assert any("zoomed 2 times" in assumption.text for assumption in file.assumptions)
 
     @pytest.mark.parametrize(
         ("tags", "message"),
@@ -268,7 +266,7 @@ class TestMars:
     def test_ios_contains_the_size(self, write: Write) -> None:
         file = open_camera(write(files.CAPTURES["ios"]))
         assert (file.camera.width, file.camera.height, file.camera.focal_length[0]) == (1920, 1080, 1500.5)
-        assert any("no readout time" in assumption.text for assumption in file.assumptions)
+        assert any("not contain the readout" in assumption.text for assumption in file.assumptions)
 
     @pytest.mark.parametrize(
         ("text", "message"),
