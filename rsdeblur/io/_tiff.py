@@ -98,19 +98,15 @@ def _place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
     """Return offset, dtype and shape of grey or RGB samples; None if the page must be decoded."""
     kind = tifffile.PHOTOMETRIC(page.photometric)
     is_picture = all(page.shape) and (page.axes == "YX" or (page.axes == "YXS" and page.shape[2] in (2, 3, 4)))
-    plain = page.is_memmappable and is_picture and kind in (kind.MINISBLACK, kind.RGB)
     # A memory map needs whole bytes in this machine's order.
-    if (
-        not plain
-        or _is_premultiplied(page)
-        or page.dtype not in (np.uint8, np.uint16, np.float32)
-        or page.bitspersample % 8
-    ):
-        return None
-    if page.parent.byteorder != ("<" if sys.byteorder == "little" else ">") and page.dtype != np.uint8:
+    is_whole = page.dtype in (np.uint8, np.uint16, np.float32) and page.bitspersample % 8 == 0
+    is_native = page.dtype == np.uint8 or page.parent.byteorder == ("<" if sys.byteorder == "little" else ">")
+    if not (page.is_memmappable and is_picture and is_whole and is_native and kind in (kind.MINISBLACK, kind.RGB)):
         return None
     offset = page.dataoffsets[0]
-    return {"offset": offset, "dtype": page.dtype, "shape": page.shape} if offset + page.nbytes <= file_size else None
+    if _is_premultiplied(page) or offset + page.nbytes > file_size:
+        return None
+    return {"offset": offset, "dtype": page.dtype, "shape": page.shape}
 
 
 def _is_premultiplied(page: tifffile.TiffPage) -> bool:

@@ -200,10 +200,6 @@ def _beside_pictures(text: TextFile) -> _Columns | None:
     return _Columns((0,), named.units) if named else _Columns((0,))
 
 
-def _alone(text: TextFile) -> _Columns | None:
-    return _Columns((0,)) if len(_numbers(text)) == 1 else _named(text)
-
-
 def _table(name: str, title: str, columns_of: Callable[[TextFile], _Columns | None]) -> Format[CaptureFile]:
     """Return the format of tables in which `columns_of` finds timestamps."""
     return text_format(
@@ -219,7 +215,7 @@ def _read_trailer(source: Source) -> CaptureFile:
     if trailer is None:
         raise source.error("not a JPEG with a GYRODATA trailer")
     exposure = Exif(read_header(source.path)[2]).exposure
-    return CaptureFile("gyrodata", [trailer.capture_ns], [exposure])
+    return CaptureFile("gyrodata", [int(trailer["capture_ns"])], [exposure])
 
 
 FORMATS: tuple[Format[CaptureFile], ...] = (
@@ -232,7 +228,11 @@ FORMATS: tuple[Format[CaptureFile], ...] = (
     ),
     _table("image-info", "GyroDeblurNet image_info.txt", _image_info),
     _table("euroc", "EuRoC cam0/data.csv, `t_ns,filename`", _beside_pictures),
-    _table("timestamps", "one timestamp in ns a line", _alone),
+    _table(
+        "timestamps",
+        "one timestamp in ns a line",
+        lambda text: _Columns((0,)) if len(_numbers(text)) == 1 else _named(text),
+    ),
 )
 
 

@@ -105,10 +105,6 @@ def names_other_sensor(name: str) -> bool:
     return OTHER_SENSORS.search(name) is not None and "gyr" not in name.lower()
 
 
-def _is_euroc(text: TextFile, columns: Columns) -> bool:
-    return "wrssx" in columns.names or {"omegax", "alphax"} <= set(columns.names)
-
-
 def _sensorlogger_columns(text: TextFile) -> Columns | None:
     # Sensor Logger calls the columns of all its sensors z, y and x, in this order; some users rename them.
     columns = named_columns(text, RATE.bare)
@@ -137,7 +133,7 @@ def _is_tagged(text: TextFile) -> bool:
         return False
     if cells[0].isdecimal() and separator_of(text.head) is None:
         return True
-    return any(_type_of(line) in (GYRO_TYPE, UNCALIBRATED_TYPE) for line in text.filled())
+    return any(_type_of(text.lines[row]) in (GYRO_TYPE, UNCALIBRATED_TYPE) for row in text.rows)
 
 
 def _tagged_format(sensor: AnySensor) -> Format[Samples]:
@@ -146,8 +142,8 @@ def _tagged_format(sensor: AnySensor) -> Format[Samples]:
 
     def read(text: TextFile) -> Samples:
         rows: dict[str, list[int]] = {}
-        for row, line in zip(text.rows.tolist(), text.filled(), strict=True):
-            kind = _type_of(line)
+        for row in text.rows.tolist():
+            kind = _type_of(text.lines[row])
             if not (kind.isdecimal() or (kind.isalpha() and len(kind) > 2)):
                 raise text.error(f"{kind[:40]!r} is not a sensor type; lines must read `type t_ns x y z`", row)
             rows.setdefault(kind, []).append(row)
@@ -245,7 +241,13 @@ GYRO_FORMATS: tuple[Format[Samples], ...] = (
         fits=lambda text, columns: columns.names[0] == "timestamp" and "[nanosec]" in text.head.lower(),
         axes="phone",
     ),
-    table_format("euroc", "EuRoC or Kalibr IMU CSV", named_columns, NAMED, fits=_is_euroc),
+    table_format(
+        "euroc",
+        "EuRoC or Kalibr IMU CSV",
+        named_columns,
+        NAMED,
+        fits=lambda text, columns: "wrssx" in columns.names or {"omegax", "alphax"} <= set(columns.names),
+    ),
     table_format(
         "phyphox",
         "phyphox Gyroscope.csv",

@@ -116,10 +116,6 @@ def _without_orientation(letters: str) -> str:
     )
 
 
-def _sniff_project(source: Source) -> bool:
-    return source.looks_like_json and is_project(source.json)
-
-
 def is_project(content: Any) -> bool:
     """Whether `content`, read from JSON, is a Gyroflow project."""
     return isinstance(content, dict) and (
@@ -208,10 +204,7 @@ def _decoded(source: Source, raw: Any) -> tuple[FloatArray, FloatArray, str]:
 def _payload(source: Source, text: str) -> bytes:
     unpack = zlib.decompressobj()
     limit = unpacked_limit(len(text))
-    try:
-        data = unpack.decompress(base91_decode(text.encode("ascii")), limit)
-    except (UnicodeEncodeError, zlib.error) as error:
-        raise source.error(f"the gyro data of the project are damaged: {error}") from error
+    data = unpack.decompress(base91_decode(text.encode("ascii")), limit)
     if not unpack.eof:
         reason = f"unpack to more than {limit} bytes" if len(data) == limit else "are cut off"
         raise source.error(f"the gyro data of the project {reason}; save the project again")
@@ -410,5 +403,6 @@ def _project(source: Source, project: dict[str, Any], request: Request) -> Camer
 def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
     """Return the formats of a sensor's logs."""
     gcsv = text_format("gcsv", "Gyroflow .gcsv", is_gcsv, partial(_read_gcsv, sensor=sensor))
-    project = Format("gyroflow", "Gyroflow project", _sniff_project, _read_project)
+    is_json = lambda source: source.looks_like_json and is_project(source.json)  # noqa: E731
+    project = Format("gyroflow", "Gyroflow project", is_json, _read_project)
     return (gcsv, project) if sensor is GYRO else (gcsv,)

@@ -122,7 +122,8 @@ def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]
         raise source.error(f"the distortion model {kind!r} is not supported, only {', '.join(MODELS)}")
     fx, fy, cx, cy = _numbers(entry["intrinsics"])
     width, height = (int(size) for size in _numbers(entry["resolution"]))
-    upright, swapped = _off_centre(cx / width, cy / height), _off_centre(cx / height, cy / width)
+    # Distance of the principal point from the middle, in shares of the sides.
+    upright, swapped = (max(abs(cx / w - 0.5), abs(cy / h - 0.5)) for w, h in ((width, height), (height, width)))
     # Hardly any principal point is further from the middle than a tenth of the picture's side.
     if upright >= 0.5 > swapped or (upright > 0.1 and swapped < upright / 2):
         width, height = height, width
@@ -142,11 +143,6 @@ def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]
         "distortion_model": MODELS[kind],
         "distortion": () if MODELS[kind] == "none" else _numbers(coefficients),
     }
-
-
-def _off_centre(x: float, y: float) -> float:
-    """Return the distance of a point from the middle; both are shares of the sides."""
-    return max(abs(x - 0.5), abs(y - 0.5))
 
 
 def _imu_to_camera(entry: dict[str, Any], assumptions: list[Assumption]) -> FloatArray:

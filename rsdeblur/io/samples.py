@@ -145,23 +145,18 @@ def finish(
         log = sensor.make(t, values, epoch)
     except InputError as reason:
         raise samples.error_at(str(reason), 0) if len(t) < 2 else error(str(reason)) from reason
-    of_force = [f"accelerometer: {repair}" for repair in repairs]
-    for caution in _cautions(log.rate, samples, repairs) if sensor.values == "rates" else of_force:
+    cautions = [*samples.cautions, *repairs]
+    if sensor.values != "rates":
+        cautions = [f"accelerometer: {repair}" for repair in repairs]
+    # Gyros sample at 20 Hz to 8 kHz; beyond these bounds timestamps are rather in another unit, by a factor of 1000.
+    elif not 5.0 <= log.rate <= 50_000.0:
+        cautions.append(
+            f"the timestamps in {samples.time_unit} mean a sampling rate of {log.rate:.3g} Hz, but a gyro's is 20 to "
+            "8000 Hz; is the unit of time right?"
+        )
+    for caution in cautions:
         warnings.warn(str(error(caution)), RsdeblurWarning, stacklevel=3)
     return log
-
-
-def _cautions(rate: float, samples: Samples, repairs: list[str]) -> list[str]:
-    """Return reasons to distrust a gyro log."""
-    found = [*samples.cautions, *repairs]
-    # Gyros sample at 20 Hz to 8 kHz; beyond these bounds timestamps are rather in another unit, by a factor of 1000.
-    if 5.0 <= rate <= 50_000.0:
-        return found
-    return [
-        *found,
-        f"the timestamps in {samples.time_unit} mean a sampling rate of {rate:.3g} Hz, but a gyro's is 20 to 8000 "
-        "Hz; is the unit of time right?",
-    ]
 
 
 def _check_gravity(size: float, units: Mapping[str, float], unit: str, error: Callable[[str], FileFormatError]) -> None:

@@ -125,7 +125,7 @@ class Source:
             raise
         except InputError as error:
             raise self.error(f"{what}: {error}") from error
-        except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError, struct.error) as error:
+        except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, struct.error, zlib.error) as error:
             raise self.error(f"{what}: damaged or incomplete, {error!r}") from error
 
     def error(self, message: str) -> FileFormatError:

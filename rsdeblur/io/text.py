@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from decimal import Decimal
@@ -23,8 +23,8 @@ NUMBER = re.compile(r"\s*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 
 INT64_LIMIT = 2**63
-# Rows, spread over a table, that decide its layout: enough that no rate rises from each to the next by chance. The names
-# of the columns are among as many first rows, because apps write lines about the recording above them.
+# Rows, spread over a table, that decide its layout: enough that no rate rises from each to the next by chance. The
+# names of the columns are among as many first rows, because apps write lines about the recording above them.
 LAYOUT_ROWS = 50
 # Characters of the longest line that may name columns or contain dates: a ROS topic with all its covariances has 1500.
 HEADER_WIDTH = 4096
@@ -88,10 +88,6 @@ class TextFile:
             text = text.replace(",", ".")
             lines = text.split("\n")
         return cls(path, lines, rows, start)
-
-    def filled(self) -> Iterator[str]:
-        """Return the lines of `rows`."""
-        return (self.lines[row] for row in self.rows)
 
     @property
     def head(self) -> str:

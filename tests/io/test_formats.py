@@ -121,7 +121,7 @@ class TestGyroflowProject:
         [
             ({}, "without gyro data.*video.mp4"),
             ({"raw_imu": "é"}, "damaged"),
-            ({"raw_imu": files.base91(b"x\x9c" + bytes(9))}, "are (damaged|cut off)"),
+            ({"raw_imu": files.base91(b"x\x9c" + bytes(9))}, "damaged"),
             ({"raw_imu": [{"timestamp_ms": 0.0, "gyro": [1.0, 2.0]}]}, "damaged"),
             ({"raw_imu": [[0.0, 1.0, 2.0, float("nan")], [1.0, 2.0, 3.0, 4.0]]}, "sample 0: impossible rates"),
             ({"raw_imu": [[float("nan"), 1.0, 2.0, 3.0]]}, "sample 0: timestamp nan"),
