@@ -175,8 +175,8 @@ def _read_exif(source: Source, request: Request) -> CameraFile:
         assumed.append(Assumption("focal_length", text))
     facts: dict[str, Any] = {"make": exif.text(MAKE), "model": exif.text(MODEL), "orientation": exif.orientation}
     facts = {key: value for key, value in (facts | {"exposure_s": exif.exposure}).items() if value}
-    fields = {"size": (width, height), "focal_length": focal_length, "readout_time": None, "imu_to_camera": axes}
-    return finished(source, request, "exif", assumed, facts, **fields)
+    fields: dict[str, Any] = {"size": (width, height), "focal_length": focal_length, "imu_to_camera": axes}
+    return finished(source, request, "exif", assumed, facts, readout_time=None, **fields)
 
 
 # Columns of MARS logger by their reduced names: the name of the fact, and how many of its units one of ours has.

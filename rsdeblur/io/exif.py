@@ -206,10 +206,9 @@ class _Directory:
             return
         place = self.unpack("I", entry + 8)
         above, below = struct.unpack_from(f"{self.order}II", self.data, place)
-        scaled = Fraction(above, below or 1).limit_denominator(10**6) * by
-        if below and scaled.limit_denominator(10_000).numerator < 2**32:
-            ratio = scaled.limit_denominator(10_000).as_integer_ratio()
-            struct.pack_into(f"{self.order}II", self.data, place, *ratio)
+        scaled = (Fraction(above, below or 1).limit_denominator(10**6) * by).limit_denominator(10_000)
+        if below and scaled.numerator < 2**32:
+            struct.pack_into(f"{self.order}II", self.data, place, *scaled.as_integer_ratio())
 
     def value(self, tag: int) -> tuple[int, int, bytes]:
         """Return kind, number and bytes of the values of a tag."""

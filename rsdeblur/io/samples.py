@@ -128,12 +128,13 @@ def finish(
     if unit is not None:
         validate.choice("unit", unit, sensor.units)
     unit = unit or samples.unit
+    is_gyro = sensor.values == "rates"
     _check_values(samples, sensor.values, unit, error)
     t, values, epoch, repairs = ordered(_timestamps(samples, rate, error), samples)
     if sensor.units[unit] != 1:
         values = values * sensor.units[unit]
     sizes: FloatArray = np.sqrt(np.einsum("ij,ij->i", values, values))
-    if sensor.values == "rates":
+    if is_gyro:
         if np.mean(np.abs(sizes - GRAVITY) < 0.5) > 0.9:
             raise error(
                 "these look like the samples of an accelerometer at rest (9.8 m/s^2), not of a gyro; "
@@ -145,18 +146,18 @@ def finish(
         log = sensor.make(t, values, epoch)
     except InputError as reason:
         raise samples.error_at(str(reason), 0) if len(t) < 2 else error(str(reason)) from reason
-    cautions = [*samples.cautions, *repairs]
-    if sensor.values != "rates":
-        cautions = [f"accelerometer: {repair}" for repair in repairs]
-    # Gyros sample at 20 Hz to 8 kHz; beyond these bounds timestamps are rather in another unit, by a factor of 1000.
-    elif not 5.0 <= log.rate <= 50_000.0:
-        cautions.append(
-            f"the timestamps in {samples.time_unit} mean a sampling rate of {log.rate:.3g} Hz, but a gyro's is 20 to "
-            "8000 Hz; is the unit of time right?"
-        )
-    for caution in cautions:
+    for caution in _cautions(samples, log.rate, repairs) if is_gyro else [f"accelerometer: {each}" for each in repairs]:
         warnings.warn(str(error(caution)), RsdeblurWarning, stacklevel=3)
     return log
+
+
+def _cautions(samples: Samples, rate: float, repairs: list[str]) -> list[str]:
+    """Return reasons to distrust a gyro log."""
+    # Gyros sample at 20 Hz to 8 kHz; beyond these bounds timestamps are rather in another unit, by a factor of 1000.
+    if 5.0 <= rate <= 50_000.0:
+        return [*samples.cautions, *repairs]
+    text = f"the timestamps in {samples.time_unit} mean a sampling rate of {rate:.3g} Hz"
+    return [*samples.cautions, *repairs, f"{text}, but a gyro's is 20 to 8000 Hz; is the unit of time right?"]
 
 
 def _check_gravity(size: float, units: Mapping[str, float], unit: str, error: Callable[[str], FileFormatError]) -> None:

@@ -22,14 +22,12 @@ from rsdeblur.io import _metadata, read_picture, write_picture
 from rsdeblur.io.exif import Exif, block_of, renewed, tags_of, with_orientation
 from rsdeblur.io.picture_output import iptc_segment, picture_to_fill
 from rsdeblur.io.pictures import Picture
-from tests.hostile import packets
+from tests.hostile.packets import KEPT, LOST, with_thumbnail
 from tests.installed import needs
 
 WIDTH, HEIGHT = 64, 48
 # Record 2: keyword, caption.
 IPTC = b"\x1c\x02\x19\x00\x05shake\x1c\x02\x78\x00\x07caption"
-# A packet that is kept, and one that describes a gain map and a motion photo.
-KEPT, LOST = packets.PACKETS[4], packets.PACKETS[0]
 # The start of every C2PA manifest.
 MANIFEST = b"\0\0\0\x20jumb\0\0\0\x18jumdc2pa" + bytes(12)
 NOTES = b"MakerNote\0" + bytes(range(200))
@@ -59,7 +57,7 @@ def block(order: str = ">") -> bytes:
     exif.get_ifd(0x8769)[0xA005] = dict(INTEROP)
     exif.get_ifd(0x8825).update(GPS)
     thumbnail = b"\xff\xd8the blurred thumbnail\xff\xd9".ljust(2000, b"t")
-    return packets.with_thumbnail(exif.tobytes(), thumbnail) if order == ">" else exif.tobytes()
+    return with_thumbnail(exif.tobytes(), thumbnail) if order == ">" else exif.tobytes()
 
 
 def values(block: bytes | None) -> dict[Any, Any]:
