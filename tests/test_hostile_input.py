@@ -238,7 +238,7 @@ class TestYaml:
         assert "could not determine a constructor" in refusal(open_camera, path)
         assert not (tmp_path / "made").exists()
 
-    @pytest.mark.parametrize("text", ["[" * 2000, "{a: " * 2000, "- " * 2000, "a: 1\n" * 50_000])
+    @pytest.mark.parametrize("text", ["[" * 600, "{a: " * 600, "- " * 600, "a: 1\n" * 50_000])
     def test_deep_or_long(self, tmp_path: Path, text: str) -> None:
         path = tmp_path / "camera.yaml"
         path.write_text("cam0: " + text)

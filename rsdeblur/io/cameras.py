@@ -193,7 +193,10 @@ MARS = {
 
 
 def _sniff_mars(source: Source) -> bool:
-    return source.looks_like_text and {"fx", "fy"} <= {Cell.of(cell).name for cell in cells_of(source.text.head)}
+    names = (
+        {Cell.of(cell).name for cell in cells_of(source.text.head) if "px" in cell} if source.looks_like_text else set()
+    )
+    return {"fx", "fy"} <= names
 
 
 def _read_mars(source: Source, request: Request) -> CameraFile:

@@ -174,7 +174,7 @@ def _named(text: TextFile) -> _Columns | None:
 
 
 def _of_mars(text: TextFile) -> _Columns | None:
-    columns = _named(text) if "[nanosec]" in text.head else None
+    columns = _named(text) if "[nanosec]" in text.head.lower() else None
     return columns if columns is not None and len(columns.places) > 1 else None
 
 

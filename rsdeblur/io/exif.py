@@ -230,7 +230,8 @@ class _Directory:
         for tag in self.places:
             with suppress(*DAMAGE):
                 if tag in POINTERS.get(table, ()):
-                    found[tag] = _Directory(self.data, self.number(tag)).tags(None, tag)
+                    if start := self.number(tag):
+                        found[tag] = _Directory(self.data, start).tags(None, tag)
                 elif wanted is None or tag in wanted:
                     found[tag] = value = self.value(tag)
                     size += len(value[2])

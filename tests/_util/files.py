@@ -437,14 +437,17 @@ def tiffs() -> list[bytes]:
     ]
 
 
+def npy(pixels: NDArray[Any]) -> bytes:
+    """Return an array in NumPy's own format."""
+    buffer = BytesIO()
+    np.save(buffer, pixels)
+    return buffer.getvalue()
+
+
 def npys() -> list[bytes]:
     """Return pictures in NumPy's own format."""
-    files = []
-    for shape, dtype in (((12, 20), "uint8"), ((12, 20, 3), "uint16"), ((12, 20, 4), "float32")):
-        buffer = BytesIO()
-        np.save(buffer, picture(shape, dtype))
-        files.append(buffer.getvalue())
-    return files
+    kinds = (((12, 20), "uint8"), ((12, 20, 3), "uint16"), ((12, 20, 4), "float32"))
+    return [npy(picture(shape, dtype)) for shape, dtype in kinds]
 
 
 def dng(mosaic: NDArray[Any] | None = None, orientation: int = 1) -> bytes:

@@ -20,6 +20,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 from rsdeblur.errors import FileFormatError, InputError, OutputError
 from rsdeblur.io import Picture, check_writable, pictures, read_picture, write_picture
 from rsdeblur.io.picture_output import picture_to_fill
+from tests._util.files import npy, tiff
 
 RGB_PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 # It has the header fields of a real grey profile; nothing here reads more.
@@ -35,18 +36,6 @@ def random_pixels(dtype: str, *shape: int) -> np.ndarray[Any, Any]:
 def encoded(image: Image.Image, kind: str, **options: Any) -> bytes:
     buffer = BytesIO()
     image.save(buffer, kind, **options)
-    return buffer.getvalue()
-
-
-def tiff(pixels: np.ndarray[Any, Any], **options: Any) -> bytes:
-    buffer = BytesIO()
-    tifffile.imwrite(buffer, pixels, **options)
-    return buffer.getvalue()
-
-
-def npy(pixels: np.ndarray[Any, Any]) -> bytes:
-    buffer = BytesIO()
-    np.save(buffer, pixels)
     return buffer.getvalue()
 
 
@@ -160,11 +149,6 @@ def test_depth_is_what_is_asked_for_or_the_next_lower_one(
     given = Picture(np.zeros(1, like)) if like else None
     write_picture(path, np.zeros((4, 4), pixels), like=given, bits=bits)
     assert read_picture(path).pixels.dtype == expected
-
-
-def test_a_format_cannot_hold_more_bits(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"picture\.jpg: JPEG cannot hold 16 bits"):
-        write_picture(tmp_path / "picture.jpg", np.zeros((4, 4)), bits=16)
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
@@ -381,9 +365,18 @@ def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monke
         check_writable(tmp_path / "picture.png", force=True)
 
 
-def test_what_a_format_cannot_hold_is_an_output_error(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"wide\.webp: cannot write 17000x1 pixels as WebP"):
-        write_picture(tmp_path / "wide.webp", np.zeros((1, 17_000)))
+@pytest.mark.parametrize(
+    ("name", "shape", "bits", "message"),
+    [
+        ("wide.webp", (1, 17_000), None, "cannot write 17000x1 pixels as WebP"),
+        ("a.jpg", (4, 4), 16, "JPEG cannot hold 16 bits"),
+    ],
+)
+def test_what_a_format_cannot_hold_is_an_output_error(
+    tmp_path: Path, name: str, shape: tuple[int, int], bits: int | None, message: str
+) -> None:
+    with pytest.raises(OutputError, match=f"{name}: {message}"):
+        write_picture(tmp_path / name, np.zeros(shape), bits=bits)
     assert not list(tmp_path.iterdir())
 
 
