@@ -41,7 +41,7 @@ from rsdeblur.io import read_captures as read_captures
 from rsdeblur.io import read_depths as read_depths
 from rsdeblur.io import read_gyro as read_gyro
 from rsdeblur.io import read_trajectory as read_trajectory
-from rsdeblur.io.archives import is_archive as is_archive
+from rsdeblur.io.source import is_archive as is_archive
 from rsdeblur.io.arrays import read_psfs as read_psfs
 from rsdeblur.io.camera_file import Assumption as Assumption
 from rsdeblur.io.camera_file import CameraFile as CameraFile
@@ -51,8 +51,8 @@ from rsdeblur.io.cameras import write_time_offset as write_time_offset
 from rsdeblur.io.captures import FORMATS as FORMATS
 from rsdeblur.io.captures import WHAT as WHAT
 from rsdeblur.io.captures import open_captures as open_captures
-from rsdeblur.io.clocks import is_clocks as is_clocks
-from rsdeblur.io.clocks import read_clocks as read_clocks
+from rsdeblur.io.captures import is_clocks as is_clocks
+from rsdeblur.io.captures import read_clocks as read_clocks
 from rsdeblur.io.exif import EXIF_ERROR as EXIF_ERROR
 from rsdeblur.io.exif import FILM_DIAGONAL as FILM_DIAGONAL
 from rsdeblur.io.exif import MAKE as MAKE

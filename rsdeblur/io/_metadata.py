@@ -5,44 +5,42 @@ from __future__ import annotations
 import re
 import struct
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import Any, Literal
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import RsdeblurWarning
-from rsdeblur.io import _exif_block
-from rsdeblur.io._exif_block import PREFIX
+from rsdeblur.io.exif import DAMAGE, PREFIX, tags_of
+from rsdeblur.io.exif import renewed as renewed_exif
 
-# Parts that belong to the original only; the texts are for messages.
+# Parts that belong to the original only, and bytes that show them in its file or XMP packet.
 C2PA = "the C2PA manifest, which is valid for the bytes of the original only"
-GAIN_MAP = "the HDR gain map, which fits the blurred picture"
-APPENDED = "the pictures behind the photo (MPF: gain map, preview, depth)"
-MOTION = "the video of the motion photo"
-EXTENDED = "the extended part of the XMP packet (depth map or original picture)"
-DESCRIBES = "the XMP packet, which describes parts of the original that the result does not have"
-
-# Photoshop's numbers of resources, and TIFF's of tags.
-IPTC_RESOURCE = 0x0404
-XMP_TAG, IPTC_TAG, C2PA_TAG = 700, 33723, 0xCD41
-# The type of the box that holds a manifest in a HEIF file.
-C2PA_BOX = bytes.fromhex("d8fec3d61b0e483c92975828877ec481")
-HEIF_GAIN_MAPS = (b"aux:hdrgainmap", b"tmap")
-# Texts in packets of pictures with a gain map, with a video, and with anything else that a result does not have: places
-# of depth maps, sounds and extended packets, a thumbnail of the blurred photo, the address of a C2PA manifest.
-GAIN_MAP_TEXTS = (b"hdrgm:", b"HDRGainMap:", b'"GainMap"', b">GainMap<")
-MOTION_TEXTS = (b"MotionPhoto", b"MicroVideo")
+LOSSES = {
+    C2PA: (b"jumdc2pa",),
+    "the HDR gain map, which fits the blurred picture": (
+        *(b"hdrgm:", b"HDRGainMap:", b'"GainMap"', b">GainMap<", b"aux:hdrgainmap", b"\0\0tmap\0"),
+    ),
+    "the pictures behind the photo (MPF: gain map, preview, depth)": (b"MPF\0II*\0", b"MPF\0MM\0*"),
+    "the video of the motion photo": (b"MotionPhoto", b"MicroVideo"),
+    "the extended part of the XMP packet (depth map or original picture)": (b"http://ns.adobe.com/xmp/extension/\0",),
+}
+# Texts in XMP packets that describe other things that a result does not have: places of depth maps, sounds and extended
+# packets, a thumbnail of the blurred photo, the address of a C2PA manifest.
 OTHER_TEXTS = (
     *(b"/photos/1.0/container/", b"/photos/1.0/depthmap/", b"/photos/1.0/image/", b"/photos/1.0/audio/"),
     *(b"/photos/dd/1.0/device/", b"HasExtendedXMP", b"xmp:Thumbnails", b"dcterms:provenance"),
 )
+DESCRIBES = "the XMP packet, which describes parts of the original that the result does not have"
 # Blocks of metadata: the name for messages, and the length of the longest in a JPEG.
 BLOCKS = {"exif": ("the EXIF block", 65_533), "xmp": ("the XMP packet", 65_502), "iptc": ("the IPTC record", 65_500)}
+# Number of the IPTC record among the resources of Photoshop, and its place in a PNG.
+IPTC_RESOURCE = 0x0404
 PNG_IPTC = "Raw profile type iptc"
 
 # Most bytes of samples in a classic TIFF: its offsets have 32 bits, and its tags need room too.
@@ -123,79 +121,23 @@ def linear_profile() -> bytes:
     return header.ljust(128, b"\0") + table + body
 
 
-def of_image(image: Image.Image, data: bytes, pixels: NDArray[Any]) -> Picture:
-    """Return a picture with the metadata of a JPEG, PNG or WebP file, which Pillow has loaded."""
-    exif, xmp, resources = image.info.get("exif"), image.info.get("xmp"), image.info.get("photoshop", {})
+def of_info(info: Mapping[Any, Any], data: bytes, pixels: NDArray[Any], exif: bytes | None) -> Picture:
+    """Return the picture of a file, whose metadata are in `info` as Pillow names them."""
+    xmp = info.get("xmp")
+    xmp = xmp.encode() if isinstance(xmp, str) else xmp
     if exif and not exif.startswith(PREFIX):
         exif = PREFIX + exif
-    iptc = resources.get(IPTC_RESOURCE) or _png_iptc(image.info.get(PNG_IPTC))
-    segments = getattr(image, "applist", [])
-    found = {
-        C2PA: any(name == "APP11" and b"jumb" in body and b"c2pa" in body for name, body in segments)
-        or any(name == b"caBX" for name, *_ in getattr(image, "private_chunks", []))
-        or (image.format == "WEBP" and b"C2PA" in _riff_chunks(data)),
-        GAIN_MAP: _describes(xmp, GAIN_MAP_TEXTS),
-        APPENDED: any(body.startswith(b"MPF\0") for _, body in segments) and not _describes(xmp, GAIN_MAP_TEXTS),
-        MOTION: _describes(xmp, MOTION_TEXTS),
-        EXTENDED: any(body.startswith(b"http://ns.adobe.com/xmp/extension/\0") for _, body in segments),
-    }
-    return Picture(
-        pixels, exif or None, image.info.get("icc_profile"), None, _as_bytes(xmp), iptc or None, _true(found)
-    )
+    iptc = info.get("photoshop", {}).get(IPTC_RESOURCE) or _of_png_iptc(info.get(PNG_IPTC))
+    profile, losses = info.get("icc_profile"), losses_of(data, xmp)
+    return Picture(pixels, exif or None, profile, None, xmp or None, iptc or None, losses)
 
 
-def of_tiff(page: tifffile.TiffPage, pixels: NDArray[Any], exif: bytes | None, loss: str) -> Picture:
-    """Return a picture with the metadata of a TIFF file's first page, whose EXIF block lost something."""
-    xmp, iptc = (_tag_bytes(page, tag) for tag in (XMP_TAG, IPTC_TAG))
-    losses = _true({C2PA: C2PA_TAG in page.tags, loss: bool(loss)})
-    return Picture(pixels, exif, page.iccprofile, None, xmp, iptc, losses)
+def losses_of(data: bytes, xmp: bytes | None) -> tuple[str, ...]:
+    """Return the parts of a file that a copy cannot keep, in words."""
+    return tuple(text for text, marks in LOSSES.items() if any(mark in data or (xmp and mark in xmp) for mark in marks))
 
 
-def of_heif(info: dict[str, Any], exif: bytes | None, data: bytes, pixels: NDArray[Any]) -> Picture:
-    """Return a picture with the metadata of a HEIC file; `info` is that of pillow-heif."""
-    xmp = _as_bytes(info.get("xmp"))
-    # The first box of a file with several pictures lists them.
-    found = {
-        C2PA: C2PA_BOX in data,
-        GAIN_MAP: _describes(xmp, GAIN_MAP_TEXTS) or any(mark in data[: 2**16] for mark in HEIF_GAIN_MAPS),
-        MOTION: _describes(xmp, MOTION_TEXTS),
-    }
-    return Picture(pixels, exif, info.get("icc_profile"), None, xmp, None, _true(found))
-
-
-def _true(found: dict[str, bool]) -> tuple[str, ...]:
-    return tuple(text for text, is_there in found.items() if is_there)
-
-
-def _describes(xmp: bytes | str | None, texts: tuple[bytes, ...]) -> bool:
-    packet = _as_bytes(xmp) or b""
-    return any(text in packet for text in texts)
-
-
-def _as_bytes(xmp: bytes | str | None) -> bytes | None:
-    return (xmp.encode() if isinstance(xmp, str) else xmp) or None
-
-
-def _tag_bytes(page: tifffile.TiffPage, number: int) -> bytes | None:
-    tag = page.tags.get(number)
-    if tag is None:
-        return None
-    file = page.parent.filehandle
-    file.seek(tag.valueoffset)
-    return bytes(file.read(min(tag.valuebytecount, 2**24))) or None
-
-
-def _riff_chunks(data: bytes) -> list[bytes]:
-    """Return the names of the chunks of a WebP file."""
-    names, place = [], 12
-    while place + 8 <= len(data):
-        names.append(data[place : place + 4])
-        size = int.from_bytes(data[place + 4 : place + 8], "little")
-        place += 8 + size + size % 2
-    return names
-
-
-def _png_iptc(text: str | bytes | None) -> bytes | None:
+def _of_png_iptc(text: str | bytes | None) -> bytes | None:
     """Return the IPTC record in a text chunk of ImageMagick's form: a name, a length, hexadecimal digits."""
     words = (text.decode("latin-1") if isinstance(text, bytes) else text or "").split(maxsplit=2)
     if len(words) < 3:
@@ -227,14 +169,12 @@ def renewed(old: Picture, pixels: NDArray[Any], kind: str, *, is_done: bool = Tr
     new = replace(old, pixels=pixels, icc_profile=fitting_profile(old.icc_profile, pixels, grey=kind != "WebP"))
     if old.exif:
         draw = (lambda most: _thumbnail(pixels, old.transfer, most)) if is_done else lambda _: None
-        new = replace(new, exif=_exif_block.renewed(old.exif, width, height, draw))
-    if old.xmp and _describes(old.xmp, GAIN_MAP_TEXTS + MOTION_TEXTS + OTHER_TEXTS):
+        new = replace(new, exif=renewed_exif(old.exif, width, height, draw))
+    if old.xmp and (losses_of(b"", old.xmp) or any(text in old.xmp for text in OTHER_TEXTS)):
         new, losses = replace(new, xmp=None), [*losses, DESCRIBES]
     for name, reason in _refused(new, kind).items():
         without: dict[str, Any] = {name: None}
         new, losses = replace(new, **without), [*losses, f"{BLOCKS[name][0]}, {reason}"]
-    if kind == "TIFF" and new.exif and (loss := _exif_block.of_block(new.exif).loss):
-        losses.append(loss)
     if losses:
         warnings.warn(f"left out of the result: {'; '.join(losses)}", RsdeblurWarning, stacklevel=3)
     return new
@@ -260,8 +200,8 @@ def _refused(picture: Picture, kind: str) -> dict[str, str]:
         if picture.pixels.nbytes > CLASSIC_BYTES:
             return {"exif": "which a TIFF of more than 4 GB cannot hold"}
         try:
-            _exif_block.of_block(blocks["exif"])
-        except ValueError as error:
+            tags_of(blocks["exif"])
+        except DAMAGE as error:
             return {"exif": f"which is damaged: {error}"}
     return {}
 

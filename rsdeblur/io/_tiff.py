@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
+from mmap import ACCESS_READ, mmap
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -19,32 +20,19 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from rsdeblur.io import _exif_block, untrusted
-from rsdeblur.io._exif_block import ASCII, LONG, ORIENTATION
-from rsdeblur.io._metadata import CLASSIC_BYTES, IPTC_TAG, XMP_TAG, Picture, of_tiff
+from rsdeblur.io._metadata import C2PA, CLASSIC_BYTES, Picture
+from rsdeblur.io.exif import LONG, ORIENTATION, Tags, block_of, directory, tags_of
+from rsdeblur.io.source import Refused, check_trusted
 
 # tifffile logs every oddity of a damaged file; the faults that matter are raised.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
-BIG_MAGIC = (b"II+\0", b"MM\0+")
-MAGIC = (b"II*\0", b"MM\0*", *BIG_MAGIC)
-
+MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+XMP_TAG, IPTC_TAG, C2PA_TAG = 700, 33723, 0xCD41
 # Tags of an EXIF block's first directory that describe the picture rather than how its samples are stored: description,
 # maker, model, orientation, software, time, artist, computer, rating, copyright, and texts of Windows.
 DESCRIPTIVE = (270, 271, 272, ORIENTATION, 305, 306, 315, 316, 18246, 18249, 33432, *range(40091, 40096))
 Tag = tuple[int, str | int, int, Any, bool]
-# Most bytes per pixel: four samples of 32 bits.
-PIXEL_BYTES = 16
-# A TIFF may be compressed by anything, such as JPEG XL, which takes 2 s for twice as many pixels. Pictures beyond this
-# size must not have more pixels per byte than a plain one as JPEG, if their codec is as slow.
-BELIEVED_PIXELS = 16_000_000
-SLOW_PIXELS_PER_BYTE = 100
-# JPEG XL, JPEG XR and JPEG 2000, each under several numbers.
-SLOW = (50002, 52546, 22610, 34934, 33003, 33004, 33005, 34712)
-
-
-class Unsupported(ValueError):
-    """A picture whose size or kind of samples is not supported; users see the message unchanged."""
 
 
 def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
@@ -62,18 +50,19 @@ def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
 
 def decode(data: bytes, max_pixels: int) -> Picture:
     """Return the first page; the orientation tag is not applied."""
-    untrusted.check("TIFF", "tifffile")
+    check_trusted("TIFF", "tifffile")
     with tifffile.TiffFile(BytesIO(data)) as file:
         page = first_page(file)
-        if page.compression in SLOW:
-            max_pixels = min(max_pixels, max(BELIEVED_PIXELS, SLOW_PIXELS_PER_BYTE * len(data)))
+        # A TIFF may be compressed by anything, such as JPEG XL, which takes 2 s for twice as many pixels. Larger
+        # pictures must not have more pixels per byte than a plain one, as JPEG if their codec is as slow.
+        codec = tifffile.COMPRESSION(page.compression).name
+        per_byte = 100 if any(slow in codec for slow in ("JPEGXL", "JPEGXR", "2000")) else 1000
+        max_pixels = min(max_pixels, max(16_000_000, per_byte * len(data)))
         # page.size counts the samples of all planes of a volume, up to four per pixel.
         if max(page.imagewidth * page.imagelength, page.size // 4) > max_pixels:
-            raise Unsupported(
-                f"the picture claims {page.imagewidth}x{page.imagelength} pixels; the limit is {max_pixels}"
-            )
-        if page.nbytes > PIXEL_BYTES * max_pixels:
-            raise Unsupported(f"the picture claims {page.nbytes} bytes; the limit is {PIXEL_BYTES * max_pixels}")
+            raise Refused(f"the picture claims {page.imagewidth}x{page.imagelength} pixels; the limit is {max_pixels}")
+        if page.nbytes > 16 * max_pixels:  # four samples of 32 bits
+            raise Refused(f"the picture claims {page.nbytes} bytes; the limit is {16 * max_pixels}")
         if max(np.add(page.dataoffsets, page.databytecounts)) > len(data):
             raise EOFError("the file ends within the samples")
         if np.prod(page.chunked) > len(data):
@@ -81,61 +70,48 @@ def decode(data: bytes, max_pixels: int) -> Picture:
         # Strips that share bytes would let a small file claim more pixels than its size makes credible.
         if sum(page.databytecounts) > len(data):
             raise ValueError("strips or tiles of the picture overlap in the file")
+        if _is_premultiplied(page):
+            raise Refused("the colours of the TIFF are multiplied by its alpha; save it with plain alpha, or without")
         samples = page.asarray()
         pixels = _plain(page, np.moveaxis(samples, 0, -1) if page.axes.startswith("S") else samples)
         if pixels is None or pixels.ndim > 3 or (pixels.ndim == 3 and pixels.shape[2] not in (2, 3, 4)):
-            raise Unsupported(
+            raise Refused(
                 f"TIFF with {page.samplesperpixel} samples of {page.bitspersample} bits ({page.photometric!r}) is not "
                 "supported; convert it to grey or RGB of 8 or 16 bits without sign, or float"
             )
-        pixels = np.ascontiguousarray(_straight(pixels) if _is_premultiplied(page) else pixels)
-        return of_tiff(page, pixels, *exif_block(BytesIO(data)))
+        return of_page(page, np.ascontiguousarray(pixels), data)
 
 
 def mapped(file: BinaryIO, size: int) -> Picture | None:
     """Return the first page of a file of `size` bytes, its samples as a read-only map; None if it must be decoded."""
-    untrusted.check("TIFF", "tifffile")
+    check_trusted("TIFF", "tifffile")
     with tifffile.TiffFile(file) as tiff:
         page = first_page(tiff)
         place = _place(page, size)
         if place is None:
             return None
-        return of_tiff(page, np.memmap(file, mode="r", **place), *exif_block(file))
+        with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+            return of_page(page, np.memmap(file, mode="r", **place), data)
 
 
 def _place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
     """Return offset, dtype and shape of grey or RGB samples; None if the page must be decoded."""
     kind = tifffile.PHOTOMETRIC(page.photometric)
     is_picture = all(page.shape) and (page.axes == "YX" or (page.axes == "YXS" and page.shape[2] in (2, 3, 4)))
-    plain = page.is_memmappable and is_picture and kind in (kind.MINISBLACK, kind.RGB)
     # A memory map needs whole bytes in this machine's order.
-    if (
-        not plain
-        or _is_premultiplied(page)
-        or page.dtype not in (np.uint8, np.uint16, np.float32)
-        or page.bitspersample % 8
-    ):
-        return None
-    if page.parent.byteorder != ("<" if sys.byteorder == "little" else ">") and page.dtype != np.uint8:
+    is_whole = page.dtype in (np.uint8, np.uint16, np.float32) and page.bitspersample % 8 == 0
+    is_native = page.dtype == np.uint8 or page.parent.byteorder == ("<" if sys.byteorder == "little" else ">")
+    if not (page.is_memmappable and is_picture and is_whole and is_native and kind in (kind.MINISBLACK, kind.RGB)):
         return None
     offset = page.dataoffsets[0]
-    return {"offset": offset, "dtype": page.dtype, "shape": page.shape} if offset + page.nbytes <= file_size else None
+    if _is_premultiplied(page) or offset + page.nbytes > file_size:
+        return None
+    return {"offset": offset, "dtype": page.dtype, "shape": page.shape}
 
 
 def _is_premultiplied(page: tifffile.TiffPage) -> bool:
     """Whether the colours are multiplied by alpha."""
     return tuple(page.extrasamples) == (tifffile.EXTRASAMPLE.ASSOCALPHA,)
-
-
-def _straight(pixels: NDArray[Any]) -> NDArray[Any]:
-    """Return premultiplied colours and their alpha with the colours divided by alpha; those without alpha stay."""
-    colours, alpha = pixels[..., :-1].astype(np.float32), pixels[..., -1:].astype(np.float32)
-    full = 1 if pixels.dtype.kind == "f" else np.iinfo(pixels.dtype).max
-    with np.errstate(over="ignore"):  # floats: infinity, which is refused where it matters
-        np.divide(colours * full, alpha, out=colours, where=alpha > 0)
-    straight = pixels.copy()
-    straight[..., :-1] = colours if full == 1 else np.rint(np.minimum(colours, full))
-    return straight
 
 
 def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None:
@@ -165,14 +141,23 @@ def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None
     return None
 
 
-def exif_block(file: BinaryIO) -> tuple[bytes | None, str]:
-    """Return the descriptive tags of a TIFF file as an EXIF block, None if there are none, and what is lost of them."""
-    file.seek(0)
-    # Offsets in EXIF blocks have 32 bits.
-    if file.read(4) in BIG_MAGIC:
-        return None, ""
-    main = _exif_block.read(file, DESCRIPTIVE)
-    return main.block() if len(main.ifd) or main.tables else None, main.loss
+def of_page(page: tifffile.TiffPage, pixels: NDArray[Any], data: bytes | mmap) -> Picture:
+    """Return a picture with the metadata of a page of a TIFF file, whose descriptive tags become an EXIF block."""
+    tags: Tags = {}
+    if data[:4] not in MAGIC[2:]:  # offsets in EXIF blocks have 32 bits, those of BigTIFF 64
+        tags = tags_of(data, DESCRIPTIVE)
+    xmp, iptc = (_tag_bytes(page, tag) for tag in (XMP_TAG, IPTC_TAG))
+    losses = (C2PA,) if C2PA_TAG in page.tags else ()
+    return Picture(pixels, block_of(tags) if tags else None, page.iccprofile, None, xmp, iptc, losses)
+
+
+def _tag_bytes(page: tifffile.TiffPage, number: int) -> bytes | None:
+    tag = page.tags.get(number)
+    if tag is None:
+        return None
+    file = page.parent.filehandle
+    file.seek(tag.valueoffset)
+    return bytes(file.read(min(tag.valuebytecount, 2**24))) or None
 
 
 def encode(picture: Picture) -> bytes:
@@ -211,30 +196,19 @@ def _tables(file: BinaryIO, picture: Picture) -> Iterator[list[Tag]]:
     """Yield the tags for the file's first directory; afterwards append the EXIF block's tables to the file."""
     # TIFF's types: bytes, and bytes of no type.
     blocks = ((XMP_TAG, 1, picture.xmp), (IPTC_TAG, 7, picture.iptc))
-    tags: list[Tag] = [(tag, kind, len(block), block, True) for tag, kind, block in blocks if block]
-    tables: dict[int, _exif_block.Table] = {}
-    if picture.exif:
-        main = _exif_block.of_block(picture.exif, DESCRIPTIVE)
-        for tag in main.ifd:
-            value, kind = main.ifd[tag], main.ifd.tagtype[tag]
-            # tifffile counts texts itself.
-            count = 0 if kind == ASCII else len(value) if isinstance(value, bytes) else 1
-            tags.append((tag, "s" if kind == ASCII else kind, count, value, True))
-        tables = main.tables
+    fields: list[Tag] = [(tag, kind, len(block), block, True) for tag, kind, block in blocks if block]
+    tags = tags_of(picture.exif, DESCRIPTIVE) if picture.exif else {}
+    fields += [(tag, *value, True) for tag, value in tags.items() if not isinstance(value, dict)]
+    tables = {tag: value for tag, value in tags.items() if isinstance(value, dict)}
     # tifffile does not write pointers to EXIF tables. The tag number below each pointer serves as a placeholder, which
     # keeps the directory in order.
-    yield tags + [(table - 1, LONG, 1, 0, True) for table in tables]
+    yield fields + [(tag - 1, LONG, 1, 0, True) for tag in tables]
     for tag, table in tables.items():
-        _append(file, tag, table)
-
-
-def _append(buffer: BinaryIO, tag: int, table: _exif_block.Table) -> None:
-    """Write an EXIF table at the end of the file and turn its placeholder into a pointer to it."""
-    buffer.seek(0)
-    with tifffile.TiffFile(buffer) as file:
-        placeholder = file.pages.first.tags[tag - 1].offset
-    start = buffer.seek(0, 2)
-    start += buffer.write(b"\0" * (start % 2))
-    buffer.write(table.to_bytes(start))
-    buffer.seek(placeholder)
-    buffer.write(struct.pack("<HHII", tag, LONG, 1, start))
+        file.seek(0)
+        with tifffile.TiffFile(file) as tiff:
+            placeholder = tiff.pages.first.tags[tag - 1].offset
+        start = file.seek(0, 2)
+        start += file.write(b"\0" * (start % 2))
+        file.write(directory(table, start))
+        file.seek(placeholder)
+        file.write(struct.pack("<HHII", tag, LONG, 1, start))

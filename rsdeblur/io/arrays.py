@@ -6,7 +6,7 @@ import os
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from rsdeblur._util import validate
@@ -24,10 +24,12 @@ def read_psfs(path: str | os.PathLike[str], shape: tuple[int, ...]) -> PsfBank:
             return PsfBank.load(path)
     stored, is_picture = _array_or_picture(path, "PSF")
     try:
-        values = _grey(_checked(stored)) if is_picture else _checked(stored)
+        values = validate.real_array("values", stored, most=validate.MOST_LIGHT)
     except InputError as error:
         kind = "the picture of a PSF" if is_picture else "an array of PSFs"
         raise FileFormatError(f"{path}: not {kind}: {error}") from error
+    if is_picture:
+        values = _grey(values)
     if values.ndim not in (2, 4) or values.size == 0:
         raise FileFormatError(f"{path}: a PSF has shape (kh, kw), PSFs have (B, S, kh, kw), found {values.shape}")
     sums = values.sum(axis=(-2, -1), keepdims=True)
@@ -38,10 +40,6 @@ def read_psfs(path: str | os.PathLike[str], shape: tuple[int, ...]) -> PsfBank:
         return PsfBank.for_picture(np.pad(values / sums, odd), shape)
     except InputError as error:
         raise FileFormatError(f"{path}: {error}") from error
-
-
-def _checked(values: ArrayLike) -> FloatArray:
-    return validate.real_array("values", values, most=validate.MOST_LIGHT)
 
 
 def _grey(pixels: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from rsdeblur._util import validate
 from rsdeblur.errors import InputError, RsdeblurWarning
+from rsdeblur.io.source import Source
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.plausible import doubts
 
@@ -110,3 +111,27 @@ class CameraFile:
         if (width > height) != (camera.width > camera.height):
             text += "; for a picture that was turned, give --size of the picture before it, and --turn"
         return replace(self, camera=cut, assumptions=(*self.assumptions, Assumption("focal_length", text)))
+
+
+def finished(
+    source: Source,
+    request: Request,
+    format: str,
+    assumed: list[Assumption],
+    facts: Mapping[str, Any],
+    *,
+    size: tuple[int, int],
+    focal_length: float | tuple[float, float],
+    readout_time: float | None,
+    **fields: Any,
+) -> CameraFile:
+    """Return what a reader found as the camera of a picture of the requested size.
+
+    A `readout_time` of None, in s, is missing in the file.
+    """
+    if readout_time is None:
+        text = "the file does not contain the readout time: 0 is assumed; give it if the shutter rolls"
+        assumed = [*assumed, Assumption("readout_time", text)]
+    with source.parsing(facts.get("camera", "the camera")):
+        camera = Camera(*size, focal_length, readout_time=readout_time or 0.0, **fields)
+        return CameraFile(camera, format, facts, tuple(assumed)).fitted(request.size)

@@ -5,7 +5,6 @@ To add a format, write its `sniff` and `read` and append a `Format` to `FORMATS`
 
 from __future__ import annotations
 
-import codecs
 import math
 import os
 import re
@@ -19,17 +18,17 @@ from tomlkit.exceptions import TOMLKitError
 from rsdeblur._util import ffmpeg, validate
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import read_file
-from rsdeblur.choices import Distortion, ReadoutDirection
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io import gyroflow, kalibr
-from rsdeblur.io.camera_file import Assumption, CameraFile, Request
+from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished
+from rsdeblur.io.columns import Cell
 from rsdeblur.io.exif import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.gyro_binary import is_video
 from rsdeblur.io.gyro_logs import open_gyro
 from rsdeblur.io.gyroflow import is_gcsv
 from rsdeblur.io.pictures import is_picture, read_header
 from rsdeblur.io.source import Format, Source, choose
-from rsdeblur.io.text import TextFile, cells_of, find_columns, is_number
+from rsdeblur.io.text import TextFile, cells_of, is_number
 from rsdeblur.motion.camera import Camera
 
 WHAT = "camera file"
@@ -121,35 +120,26 @@ def detect_camera_format(path: str | os.PathLike[str]) -> str:
 
 def check_editable(path: str | os.PathLike[str]) -> None:
     """Check that `write_time_offset` can edit a file, before the work that finds the offset."""
-    try:
-        Camera.load(path)
-    except FileFormatError as error:
-        format = open_camera(path).format
-        if format == "toml":
-            raise
+    format = detect_camera_format(path)
+    if format != "toml":
         raise FileFormatError(
             f"{path}: a file of the format {format} has no place for the time offset; make a camera file of it: "
             f"rsdeblur camera import {path} -o camera.toml"
-        ) from error
+        )
+    Camera.load(path)
 
 
 def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:
-    """Write `time_offset` into a camera file, whose other lines stay as they are, down to their line ends."""
+    """Write `time_offset` into a camera file, whose other lines stay as they are."""
     time_offset = validate.finite("time_offset", time_offset)
     check_editable(path)
-    data = read_file(path, "camera file")
-    text = data.removeprefix(codecs.BOM_UTF8).decode()
     try:
-        document = tomlkit.parse(text)
+        document = tomlkit.parse(read_file(path, WHAT).decode("utf-8-sig"))
     except (TOMLKitError, RecursionError) as error:
         raise FileFormatError(f"{path}: cannot edit the file ({error}); set time_offset = {time_offset!r}") from error
     document["time_offset"] = time_offset
-    changed = tomlkit.dumps(document)
-    if text.count("\n") == text.count("\r\n") > 0:
-        # A new line ends with a line feed alone.
-        changed = re.sub("(?<!\r)\n", "\r\n", changed)
     with atomic_write(path) as file:
-        file.write(codecs.BOM_UTF8 * data.startswith(codecs.BOM_UTF8) + changed.encode())
+        file.write(tomlkit.dumps(document).encode())
 
 
 def _sniff_toml(source: Source) -> bool:
@@ -169,119 +159,96 @@ def _read_exif(source: Source, request: Request) -> CameraFile:
     axes = "phone-landscape" if width >= height else "phone-portrait"
     try:
         focal_length, origin = exif.focal_px(width, height)
-        camera = Camera(width, height, focal_length, imu_to_camera=axes)
     except InputError as error:
         raise source.error(
             f"it is a picture, and its {error}; give a camera file, calibrate the camera, or give its focal length: "
             "rsdeblur camera new"
         ) from error
-    assumptions = [
-        Assumption(
-            "focal_length",
-            f"the focal length of {focal_length:.0f} px is estimated from EXIF ({origin}), to a few percent at best",
-        ),
-        Assumption(
-            "readout_time", "EXIF does not contain the readout time: 0 is assumed; give it if the shutter rolls"
-        ),
+    text = f"the focal length of {focal_length:.0f} px is estimated from EXIF ({origin}), to a few percent at best"
+    assumed = [
+        Assumption("focal_length", text),
         Assumption("imu_to_camera", f"EXIF does not contain the axes of the gyro: {axes} is assumed"),
     ]
     zoom = exif.number(ZOOM)
     if zoom and zoom > 1:
         text = f"the picture was zoomed {zoom:.3g} times digitally; the 35 mm equivalent may or may not include that"
-        assumptions.append(Assumption("focal_length", text))
+        assumed.append(Assumption("focal_length", text))
     facts: dict[str, Any] = {"make": exif.text(MAKE), "model": exif.text(MODEL), "orientation": exif.orientation}
-    facts["exposure_s"] = exif.exposure
-    file = CameraFile(camera, "exif", {key: value for key, value in facts.items() if value}, tuple(assumptions))
-    return file.fitted(request.size)
+    facts = {key: value for key, value in (facts | {"exposure_s": exif.exposure}).items() if value}
+    fields: dict[str, Any] = {"size": (width, height), "focal_length": focal_length, "imu_to_camera": axes}
+    return finished(source, request, "exif", assumed, facts, readout_time=None, **fields)
 
 
-MARS_FOCAL = (r"fx\s*\[px\]", r"fy\s*\[px\]")
+# Columns of MARS logger by their reduced names: the name of the fact, and how many of its units one of ours has.
+MARS = {
+    "fx": ("focal_length_px", 1.0),
+    "framereadouttime": ("readout_time_s", 1e9),  # Android only
+    "exposuretime": ("exposure_s", 1e9),
+    "exposureduration": ("exposure_s", 1e9),
+    "iso": ("iso", 1.0),
+    "focallength": ("focal_mm", 1.0),
+    "cx": ("cx_px", 1.0),  # iOS only
+    "cy": ("cy_px", 1.0),
+}
 
 
 def _sniff_mars(source: Source) -> bool:
-    return source.looks_like_text and find_columns(source.text.head, MARS_FOCAL) is not None
+    names = (
+        {Cell.of(cell).name for cell in cells_of(source.text.head) if "px" in cell} if source.looks_like_text else set()
+    )
+    return {"fx", "fy"} <= names
 
 
 def _read_mars(source: Source, request: Request) -> CameraFile:
-    facts = mars_facts(source.text)
-    if not facts:
+    if not _sniff_mars(source):
         raise source.error("not MARS logger's metadata: no line names the columns fx[px] and fy[px]")
-    size = request.size or facts.pop("size", None)
+    facts = mars_facts(source.text)
+    # The principal point is near the middle.
+    middle = facts.pop("cx_px", None), facts.pop("cy_px", None)
+    size = request.size or (None if None in middle else tuple(round(2 * side) for side in middle))
     if size is None:
         raise source.error(
             "MARS logger does not write the size of the pictures: make a camera file with rsdeblur camera import, "
             "--size 1920x1080, or 1080x1920 for upright frames, and the width of the whole sensor, to which its focal "
             "length often refers: --sensor-width 4000"
         )
-    width, height = size
-    stored, readout = facts.pop("focal_length_px"), facts.pop("readout_time_s", None)
-    focal_length = request.focal_length or stored
-    assumptions = []
+    focal_length, readout_time = facts.pop("focal_length_px"), facts.pop("readout_time_s", None)
+    assumed = []
     if request.focal_length is None and request.sensor_width is not None:
-        focal_length = focal_length * max(size) / request.sensor_width
+        focal_length *= max(size) / request.sensor_width
     elif request.focal_length is None:
         view = math.degrees(2 * math.atan(max(size) / focal_length / 2))
         text = f"the focal length of {focal_length:g} px, a field of view of {view:.0f} degrees, is taken as it is"
         # The main cameras of phones see more along the longer side, so a smaller view suggests another scale.
         if view < 50:
             text += "; that is little for a phone: if it refers to the whole sensor, give --sensor-width, like 4000"
-        assumptions.append(Assumption("focal_length", text))
-    upright = height > width
-    axes, direction = _phone(upright)
-    if readout is None:
-        text = "the file contains no readout time: 0 is assumed; give it, because the shutter rolls"
-        assumptions.append(Assumption("readout_time", text))
-    shape = "upright" if upright else "landscape"
-    assumptions += [
+        assumed.append(Assumption("focal_length", text))
+    # The sensor of a rear camera is mounted landscape and read from the top.
+    axes, direction, shape = "phone-landscape", "top-down", "landscape"
+    if size[1] > size[0]:
+        axes, direction, shape = "phone-portrait", "right-left", "upright"
+    assumed += [
         Assumption("readout_direction", f"the readout direction {direction} is assumed, as of {shape} frames"),
         Assumption("imu_to_camera", f"the axes {axes} are assumed, as of {shape} frames of a rear camera"),
     ]
-    with source.parsing("the camera"):
-        camera = Camera(
-            width, height, focal_length, readout_time=readout or 0.0, readout_direction=direction, imu_to_camera=axes
-        )
-    return CameraFile(camera, "mars", facts, tuple(assumptions))
+    fields: dict[str, Any] = {"readout_direction": direction, "imu_to_camera": axes}
+    fields |= {"size": size, "focal_length": focal_length, "readout_time": readout_time}
+    return finished(source, request, "mars", assumed, facts, **fields)
 
 
 def mars_facts(text: TextFile) -> dict[str, Any]:
-    """Return what MARS logger's capture metadata contain about the camera; medians of columns, without `null` cells.
-
-    `size` is that of the picture on iOS, whose principal point is near the middle.
-    """
-    places = find_columns(text.head, MARS_FOCAL)
-    if places is None:
-        return {}
-    head = [cell.lower() for cell in cells_of(text.head)]
+    """Return what MARS logger's capture metadata contain about the camera; medians of columns, without `null` cells."""
     rows = [cells_of(text.lines[row]) for row in text.rows[1:]]
-
-    def median(place: int) -> float | None:
-        cells = [float(cells[place]) for cells in rows if place < len(cells) and is_number(cells[place])]
-        value = float(np.median(cells)) if cells else 0.0
-        return value if math.isfinite(value) and value > 0 else None
-
-    def value(pattern: str) -> float | None:
-        return next((median(k) for k, cell in enumerate(head) if re.match(pattern, cell)), None)
-
     facts: dict[str, Any] = {"frames": len(rows)}
-    if (focal_length := median(places[0])) is None:
+    for k, cell in enumerate(cells_of(text.head)):
+        name, per_unit = MARS.get(Cell.of(cell).name, ("", 1.0))
+        numbers = [float(cells[k]) for cells in rows if k < len(cells) and is_number(cells[k])]
+        value = float(np.median(numbers)) if name and numbers else 0.0
+        if math.isfinite(value) and value > 0:
+            facts[name] = value / per_unit
+    if "focal_length_px" not in facts:
         raise text.error("no focal length: all cells of its column are null; give --focal-length")
-    facts["focal_length_px"] = focal_length
-    # Only Android has the readout time, only iOS the principal point.
-    if (readout := value(r"frame readout time\s*\[nanosec\]")) is not None:
-        facts["readout_time_s"] = readout / 1e9
-    if (exposure := value(r"exposure (time|duration)\s*\[nanosec\]")) is not None:
-        facts["exposure_s"] = exposure / 1e9
-    others = {"iso": value("iso"), "focal_mm": value("focal length")}
-    facts |= {name: number for name, number in others.items() if number is not None}
-    cx, cy = value(r"cx\s*\[px\]"), value(r"cy\s*\[px\]")
-    if cx is not None and cy is not None:
-        facts["size"] = (round(2 * cx), round(2 * cy))
     return facts
-
-
-def _phone(upright: bool) -> tuple[str, ReadoutDirection]:
-    """Return axes and readout direction of a rear camera: its sensor is mounted landscape and read from the top."""
-    return ("phone-portrait", "right-left") if upright else ("phone-landscape", "top-down")
 
 
 def _sniff_log(source: Source) -> bool:
@@ -298,12 +265,12 @@ def _read_log(source: Source, request: Request) -> CameraFile:
             "the file does not contain the size of the picture: make a camera file with rsdeblur camera import and "
             "--size 1920x1080"
         )
-    view, readout = facts.get("field_of_view_deg"), facts.pop("readout_time_s", None)
-    direction = facts.pop("readout_direction", "top-down")
-    focal_length = request.focal_length
-    model: Distortion = "none"
-    assumptions = []
-    if focal_length is None:
+    fields: dict[str, Any] = {"size": size, "focal_length": request.focal_length, "imu_to_camera": "gyroflow"}
+    fields |= {"readout_time": facts.pop("readout_time_s", None), "timestamp_marks": "middle"}
+    fields["readout_direction"] = facts.pop("readout_direction", "top-down")
+    assumed = []
+    if request.focal_length is None:
+        view = facts.get("field_of_view_deg")
         if view is None:
             raise source.error(
                 "the file does not contain the focal length; give --focal-length or --focal35, or import a lens "
@@ -311,29 +278,16 @@ def _read_log(source: Source, request: Request) -> CameraFile:
             )
         # Without digital correction, action cameras have an equidistant lens, to a few percent.
         focal_length = math.hypot(*size) / 2 / math.radians(view / 2)
-        model = "fisheye"
+        fields |= {"focal_length": focal_length, "distortion_model": "fisheye", "distortion": (0.0,) * 4}
         text = (
             f"the focal length of {focal_length:.0f} px follows from the field of view of {view:.1f} degrees and an "
             "equidistant lens, to a few percent at best; a lens profile of Gyroflow is better"
         )
-        assumptions.append(Assumption("focal_length", text))
-    if readout is None:
-        assumptions.append(Assumption("readout_time", "the file contains no readout time: 0 is assumed; give it"))
+        assumed.append(Assumption("focal_length", text))
     if "stabilised" in facts:
         text = f"the camera stabilised the video ({facts['stabilised']}), so its blur is not that of the gyro"
-        assumptions.append(Assumption("", text))
-    with source.parsing("the camera"):
-        camera = Camera(
-            *size,
-            focal_length,
-            readout_time=readout or 0.0,
-            readout_direction=direction,
-            imu_to_camera="gyroflow",
-            timestamp_marks="middle",
-            distortion_model=model,
-            distortion=(0.0,) * 4 if model == "fisheye" else (),
-        )
-    return CameraFile(camera, "video" if is_video(source) else "gcsv", facts, tuple(assumptions))
+        assumed.append(Assumption("", text))
+    return finished(source, request, "video" if is_video(source) else "gcsv", assumed, facts, **fields)
 
 
 def _video_size(source: Source) -> tuple[int, int] | None:

@@ -1,4 +1,4 @@
-"""Timestamps and exposure times of pictures, from the files that loggers write beside them."""
+"""Timestamps, exposure times and clocks of pictures, from the files that loggers write beside them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rsdeblur.io.exif import Exif
 from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.pictures import read_header
 from rsdeblur.io.source import Format, Source, choose, text_format
-from rsdeblur.io.text import Rows, Table, TextFile, cells_of, find_columns, is_number, read_table
+from rsdeblur.io.text import Rows, Table, TextFile, cells_of, is_number, read_table
 from rsdeblur.motion.exposure import Exposure
 
 WHAT = "capture file"
@@ -84,34 +84,61 @@ def open_captures(path: str | os.PathLike[str]) -> CaptureFile:
     return choose(FORMATS, source).read(source)
 
 
-def _captures(
-    format: str,
-    text: TextFile,
-    rows: Rows,
-    columns: Sequence[int],
-    unit: str | None = None,
-    exposure_unit: str | None = None,
-) -> CaptureFile:
-    """Read timestamps and, if there is a second column, exposure times, in `unit` or what the timestamps look like.
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    """Places of timestamps and perhaps of exposure times, their units if they are named, and where the rows begin."""
 
-    `exposure_unit` is that of exposure times in another unit.
-    """
-    table = read_table(text, rows, columns[:1])
-    unit = unit or _unit_of_timestamps(table)
+    places: Sequence[int]
+    units: Sequence[str | None] = (None, None)
+    start: int = 0
+
+
+def _header(line: str) -> _Columns | None:
+    """Return the columns that a header names: `timestamp[unit]`, perhaps beside others, or `timestamp` alone."""
+    cells = [Cell.of(cell.strip('" ')) for cell in re.split(r"[,;|\t]", line)]
+    places = [
+        next((k for k, cell in enumerate(cells) if name.fullmatch(cell.name) and cell.unit in TIME_UNITS), -1)
+        for name in (TIMESTAMP, EXPOSURE)
+    ]
+    if len(cells) == 1 and TIMESTAMP.fullmatch(cells[0].name) and not cells[0].unknown:
+        places[0] = 0
+    # Other tables may name a timestamp behind other columns.
+    if places[0] < 0 or (places[0] and places[1] < 0):
+        return None
+    known = [k for k in places if k >= 0]
+    return _Columns(known, [cells[k].unit for k in known], 1)
+
+
+def _read(format: str, text: TextFile, columns: _Columns) -> CaptureFile:
+    """Read timestamps and, if there is a second column, exposure times, in their unit or that of the timestamps."""
+    rows = text.rows[columns.start :]
+    table = read_table(text, rows, columns.places[:1])
+    unit = columns.units[0] or _unit_of_timestamps(table)
     timestamps = table.nanoseconds(TIME_UNITS[unit]).tolist()
     for row, before, timestamp in zip(rows[1:], timestamps, timestamps[1:], strict=False):
         if timestamp <= before:
             problem = f"comes after {before} ns" if timestamp < before else "occurs twice"
             raise text.error(f"captures must be in the order of time: timestamp {timestamp} ns {problem}", row)
-    if len(columns) == 1:
-        return CaptureFile(format, timestamps, [None] * len(timestamps))
-    # Phones that do not report exposure times write `null`.
-    timed = [row for row in rows if cells_of(text.lines[row])[columns[1] :][:1] != ["null"]]
-    values = read_table(text, timed, columns).values[:, 0] if timed else ()
-    unit = exposure_unit or unit
+    spacing = float(np.median(np.diff(timestamps))) if len(timestamps) > 1 else np.inf
+    if not any(columns.units) and spacing < 1e9 * FRAME_SPACING[0]:
+        raise text.error(
+            f"whole numbers are taken as ns, but then the captures are {spacing:g} ns apart; name the unit in a "
+            "header, like timestamp[ms]",
+            rows[0],
+        )
+    durations = _durations(text, rows, columns, unit) if len(columns.places) > 1 else {}
+    return CaptureFile(format, timestamps, [durations.get(row) for row in rows])
+
+
+def _durations(text: TextFile, rows: Rows, columns: _Columns, unit: str) -> dict[int, float]:
+    """Return exposure times in s by row; phones that do not report them write `null`."""
+    place, unit = columns.places[1], columns.units[1] or unit
+    timed = [row for row in rows if cells_of(text.lines[row])[place:][:1] != ["null"]]
+    if not timed:
+        return {}
     per_second = 1e9 / float(TIME_UNITS[unit])
-    durations = {row: float(value) / per_second for row, value in zip(timed, values, strict=True)}
-    for row, duration in durations.items():
+    values = read_table(text, timed, columns.places).values[:, 0] / per_second
+    for row, duration in zip(timed, values.tolist(), strict=True):
         # The fastest electronic shutters of cameras take ten times as long.
         if 0 < duration < 1e-6:
             raise text.error(
@@ -121,7 +148,7 @@ def _captures(
             Exposure(0.0, duration)
         except InputError as error:
             raise text.error(f"impossible exposure time of {1e9 * duration:g} ns: {error}", row) from error
-    return CaptureFile(format, timestamps, [durations.get(row) for row in rows])
+    return dict(zip(timed, values.tolist(), strict=True))
 
 
 def _unit_of_timestamps(table: Table) -> str:
@@ -141,68 +168,46 @@ def _unit_of_timestamps(table: Table) -> str:
     )
 
 
-def _mars_columns(text: TextFile) -> list[int] | None:
-    # Android writes `Exposure time[nanosec]`, iOS `exposure duration[nanosec]`.
-    return find_columns(text.head, (r"timestamp\s*\[nanosec\]", r"exposure (time|duration)\s*\[nanosec\]"))
+def _named(text: TextFile) -> _Columns | None:
+    """Return the columns that the header names; None for that of a gyro log."""
+    return None if named_columns(text) is not None else _header(text.head)
 
 
-def _read_mars(text: TextFile) -> CaptureFile:
-    return _captures("mars", text, text.rows[1:], _mars_columns(text) or [], "ns")
+def _of_mars(text: TextFile) -> _Columns | None:
+    columns = _named(text) if "[nanosec]" in text.head.lower() else None
+    return columns if columns is not None and len(columns.places) > 1 else None
 
 
-def _has_numbers(text: TextFile, count: int) -> bool:
+def _numbers(text: TextFile) -> list[float]:
+    """Return the numbers of the first line; none if it contains anything else."""
     cells = cells_of(text.head)
-    return len(cells) == count and all(map(is_number, cells))
+    return [float(cell) for cell in cells] if all(map(is_number, cells)) else []
 
 
-def _sniff_image_info(text: TextFile) -> bool:
+def _image_info(text: TextFile) -> _Columns | None:
     # `t_ns ISO exposure_ns fx fy cx cy s`. A pose has eight numbers too, but a quaternion has none beyond 1, and no
     # camera has a focal length below 1 px.
-    return _has_numbers(text, 8) and float(cells_of(text.head)[4]) > 1
+    numbers = _numbers(text)
+    return _Columns((0, 2)) if len(numbers) == 8 and numbers[4] > 1 else None
 
 
-def _names_pictures(text: TextFile) -> bool:
+def _beside_pictures(text: TextFile) -> _Columns | None:
     cells = cells_of(text.head)
-    return len(cells) == 2 and is_number(cells[0]) and PICTURE.fullmatch(cells[1]) is not None
-
-
-def _timestamp_header(text: TextFile) -> list[Cell] | None:
-    """Return the cells of a header `timestamp` or `timestamp[unit], ...`; None for that of a gyro log."""
-    return None if named_columns(text) is not None else _timestamp_cells(text.head)
-
-
-def _timestamp_cells(line: str) -> list[Cell] | None:
-    cells = [Cell.of(cell.strip('" ')) for cell in re.split(r"[,;|\t]", line)]
-    known = cells[0].unit in TIME_UNITS or (len(cells) == 1 and not cells[0].unknown)
-    return cells if known and TIMESTAMP.fullmatch(cells[0].name) else None
-
-
-def _read_timestamps(text: TextFile) -> CaptureFile:
-    cells = _timestamp_header(text) or []
-    exposures = [k for k, cell in enumerate(cells) if EXPOSURE.fullmatch(cell.name) and cell.unit in TIME_UNITS][:1]
-    units = [cells[k].unit for k in (0, *exposures)] if cells else []
-    return _timestamps("timestamps", text, text.rows[1:] if cells else text.rows, [0, *exposures], units)
-
-
-def _read_pictures(text: TextFile) -> CaptureFile:
+    if len(cells) != 2 or not is_number(cells[0]) or not PICTURE.fullmatch(cells[1]):
+        return None
     above = [line.lstrip().removeprefix("#") for line in text.lines[: text.rows[0]] if line.strip()]
-    cells = _timestamp_cells(above[-1]) if above else None
-    return _timestamps("euroc", text, text.rows, [0], [cells[0].unit] if cells else [])
+    named = _header(above[-1]) if above else None
+    return _Columns((0,), named.units) if named else _Columns((0,))
 
 
-def _timestamps(
-    format: str, text: TextFile, rows: Rows, columns: Sequence[int], units: Sequence[str | None]
-) -> CaptureFile:
-    """Read timestamps and perhaps exposure times; refuse timestamps without a unit that are too close for ns."""
-    file = _captures(format, text, rows, columns, *units)
-    spacing = float(np.median(np.diff(file.timestamps))) if len(file.timestamps) > 1 else np.inf
-    if not any(units) and spacing < 1e9 * FRAME_SPACING[0]:
-        raise text.error(
-            f"whole numbers are taken as ns, but then the captures are {spacing:g} ns apart; name the unit in a "
-            "header, like timestamp[ms]",
-            rows[0],
-        )
-    return file
+def _table(name: str, title: str, columns_of: Callable[[TextFile], _Columns | None]) -> Format[CaptureFile]:
+    """Return the format of tables in which `columns_of` finds timestamps."""
+    return text_format(
+        name,
+        title,
+        lambda text: columns_of(text) is not None,
+        lambda text: _read(name, text, columns_of(text) or _Columns((0,))),
+    )
 
 
 def _read_trailer(source: Source) -> CaptureFile:
@@ -210,24 +215,89 @@ def _read_trailer(source: Source) -> CaptureFile:
     if trailer is None:
         raise source.error("not a JPEG with a GYRODATA trailer")
     exposure = Exif(read_header(source.path)[2]).exposure
-    return CaptureFile("gyrodata", [trailer.capture_ns], [None] if exposure is None else [exposure])
-
-
-def _plain(name: str, title: str, sniff: Callable[[TextFile], bool], columns: tuple[int, int]) -> Format[CaptureFile]:
-    """Return a format of numbers without a header, of which the timestamp and the exposure time are read."""
-    return text_format(name, title, sniff, lambda text: _captures(name, text, text.rows, columns))
+    return CaptureFile("gyrodata", [int(trailer["capture_ns"])], [exposure])
 
 
 FORMATS: tuple[Format[CaptureFile], ...] = (
     Format("gyrodata", "JPEG with a GYRODATA trailer", lambda source: trailer_of(source) is not None, _read_trailer),
-    text_format("mars", "MARS logger movie_metadata.csv", lambda text: _mars_columns(text) is not None, _read_mars),
-    _plain("deepgyro", "DeepGyro images.txt, `t_ns exposure_ns`", lambda text: _has_numbers(text, 2), (0, 1)),
-    _plain("image-info", "GyroDeblurNet image_info.txt", _sniff_image_info, (0, 2)),
-    text_format("euroc", "EuRoC cam0/data.csv, `t_ns,filename`", _names_pictures, _read_pictures),
-    text_format(
+    _table("mars", "MARS logger movie_metadata.csv", _of_mars),
+    _table(
+        "deepgyro",
+        "DeepGyro images.txt, `t_ns exposure_ns`",
+        lambda text: _Columns((0, 1)) if len(_numbers(text)) == 2 else None,
+    ),
+    _table("image-info", "GyroDeblurNet image_info.txt", _image_info),
+    _table("euroc", "EuRoC cam0/data.csv, `t_ns,filename`", _beside_pictures),
+    _table(
         "timestamps",
         "one timestamp in ns a line",
-        lambda text: _has_numbers(text, 1) or _timestamp_header(text) is not None,
-        _read_timestamps,
+        lambda text: _Columns((0,)) if len(_numbers(text)) == 1 else _named(text),
     ),
 )
+
+
+CLOCK_SOURCE = re.compile(r"SENSOR_INFO_TIMESTAMP_SOURCE is (?:SENSOR_INFO_TIMESTAMP_SOURCE_)?(REALTIME|UNKNOWN)")
+
+
+@dataclass(frozen=True, slots=True)
+class Clocks:
+    """Clocks of a session, from its `edge_epochs.txt`.
+
+    Parameters
+    ----------
+    source : str
+        Android's name for the clock of the camera's timestamps: REALTIME is the gyro's clock, or UNKNOWN.
+    differences : tuple of int
+        The gyro's clock minus `nanoTime()`, in ns, at the session's start and end.
+    """
+
+    source: str
+    differences: tuple[int, ...]
+
+    @property
+    def time_offset(self) -> float:
+        """Camera time minus gyro time in s: 0 for one clock, else as if the camera's clock were `nanoTime()`."""
+        if self.source == "REALTIME":
+            return 0.0
+        return 0.0 - sum(self.differences) / len(self.differences) / 1e9
+
+
+def is_clocks(source: Source) -> bool:
+    """Whether the file is an `edge_epochs.txt`."""
+    return CLOCK_SOURCE.search(source.head.decode("latin-1")) is not None
+
+
+def read_clocks(path: str | os.PathLike[str]) -> Clocks:
+    """Read the `edge_epochs.txt` of a MARS logger session.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read or is not an `edge_epochs.txt`; or, naming the line, if its numbers contradict each
+        other or the clocks drift apart.
+    """
+    source = Source(path, "file of clocks")
+    text = source.text
+    match = CLOCK_SOURCE.search(text.start)
+    if match is None:
+        raise source.error("not an edge_epochs.txt: it does not contain Android's SENSOR_INFO_TIMESTAMP_SOURCE")
+    differences: list[int] = []
+    for row in text.rows:
+        cells = cells_of(text.lines[row])
+        if len(cells) != 3 or not all(re.fullmatch(r"-?\d+", cell) for cell in cells):
+            raise text.error("expected three whole numbers of ns: both clocks and their difference", row)
+        boot, nano, difference = map(int, cells)
+        if boot - nano != difference and nano - boot != difference:
+            raise text.error(f"{difference} ns is not the difference of the clocks {boot} and {nano}", row)
+        differences.append(boot - nano)
+        # CLOCK_MONOTONIC and CLOCK_BOOTTIME differ by the time that a phone slept; the rest is a drift below 1 ms.
+        if abs(differences[-1] - differences[0]) > 1_000_000:
+            raise text.error(
+                "the clocks drift apart during the session: the phone slept, so no single offset fits", row
+            )
+    return Clocks(match[1], tuple(differences))

@@ -9,7 +9,7 @@ from decimal import Decimal
 
 import numpy as np
 
-from rsdeblur.io.text import Rows, Table, TextFile, cells_of, is_number, spread
+from rsdeblur.io.text import LAYOUT_ROWS, Rows, Table, TextFile, cells_of, is_number, spread
 from rsdeblur.types import FloatArray
 
 # Nanoseconds in each unit of time that a log may use.
@@ -65,13 +65,6 @@ SUFFIX = re.compile(rf"(.*?)(?:_| in )({'|'.join(map(re.escape, UNIT_OF))}|rad_s
 
 # Longest cell that may be a name: the patterns take time in proportion to the square of the length.
 CELL_WIDTH = 100
-
-# Rows that decide the layout of a table: enough that no rate rises from each to the next by chance.
-LAYOUT_ROWS = 50
-# Columns searched for one that rises: those of any sensor log, and a bound on the work for other files.
-LAYOUT_COLUMNS = 64
-# A column of so many rows hardly rises by chance: in one of 10! orders.
-CHANCE_ROWS = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,27 +131,14 @@ class Cell:
         if match is None:
             match = SUFFIX.fullmatch(text)
         name, unit = match.groups() if match else (text, "")
-        known = _unit_of(unit)
+        known = UNIT_OF.get(re.sub(r"\s", "", unit))
         return cls(re.sub(r"[^a-z]", "", name), known, bool(unit) and known is None)
 
 
-def _unit_of(text: str) -> str | None:
-    return UNIT_OF.get(re.sub(r"[\s\[\]()]", "", text[:CELL_WIDTH].lower()))
-
-
 def named_columns(text: TextFile, values: Quantity = RATE, *, stamped: bool = True) -> Columns | None:
-    """Return the columns named by a header; None if no line names the values and, if `stamped`, the timestamps.
-
-    A row of units may follow the names.
-    """
-    headers = text.headers
-    for k, (line, start) in enumerate(headers):
+    """Return the columns named by a header; None if no line names the values and, if `stamped`, the timestamps."""
+    for line, start in text.headers:
         cells = [Cell.of(cell) for cell in cells_of(line)]
-        below = cells_of(headers[k + 1][0]) if start and k + 1 < len(headers) else []
-        if len(below) == len(cells) and all(cell in ("", "-") or _unit_of(cell) for cell in below):
-            units = [_unit_of(cell) for cell in below]
-            cells = [Cell(cell.name, cell.unit or unit, cell.unknown) for cell, unit in zip(cells, units, strict=True)]
-            start += 1
 
         def place(pattern: re.Pattern[str], units: dict[str, str], cells: Sequence[Cell] = cells) -> int:
             fits = (
@@ -201,7 +181,7 @@ def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
                 some[0],
             )
     place = columns.places[0]
-    width = min([LAYOUT_COLUMNS, *map(len, cells)])
+    width = min([64, *map(len, cells)])  # the columns of any sensor log, and a bound on the work for other files
     grid = np.array([[float(cell) if is_number(cell) else np.nan for cell in found[:width]] for found in cells])
     if cells and 0 <= place < width and not _rises(grid[:, place]):
         others = rising(grid)
@@ -244,9 +224,9 @@ def time_column(grid: FloatArray) -> int:
     if len(columns) != 1:
         return 0
     steps = np.unique(np.diff(grid[:, columns[0]]))
-    # In a short table a rate may rise by chance, but not evenly.
+    # In a short table a rate may rise by chance (in ten rows, in one of 10! orders), but not evenly.
     even = 0.5 * steps[-1] <= steps[steps > 0][0]
-    return columns[0] if even or len(grid) >= CHANCE_ROWS else 0
+    return columns[0] if even or len(grid) >= 10 else 0
 
 
 def unit_from_spacing(table: Table) -> str:

@@ -11,72 +11,57 @@ import os
 import struct
 from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from rsdeblur._util.extras import missing
 from rsdeblur._util.files import open_file
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io import untrusted
-from rsdeblur.io._heif import AVIF_BRANDS, BRANDS
+from rsdeblur.io._sensor import AVIF_BRANDS, BRANDS
 from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds
-from rsdeblur.io.source import Format, Source
+from rsdeblur.io.source import Format, Refused, Source, check_trusted
 
 # Four-character codes of GoPro that telemetry-parser does not name: readout time (ms), electronic stabilisation.
 GOPRO_READOUT, GOPRO_STABILISED, GOPRO_STABILISER = "0x53524f54", "0x45495345", "0x45495341"
 # The diagonal field of view in degrees (ZFOV).
 GOPRO_VIEW = "0x5a464f56"
-# Camera whose exposures telemetry-parser returns as pairs of time and seconds. KanDao's are pairs too, but nothing
-# public documents their unit.
-TIMED_EXPOSURES = "Insta360"
 
 
-class Trailer(NamedTuple):
-    """Header of a GYRODATA trailer, and the bytes after it."""
+SAMPLE = np.dtype([("ns", "<i8"), ("rates", "<f4", 3), ("extra", "<i4")])
+# The last 16 KiB of the file: a header, then a ring of samples, the oldest at `oldest`.
+TRAILER = np.dtype(
+    [
+        *(("mark", "S16"), ("capture_ns", "<i8"), ("total", "<u4"), ("oldest", "<u4"), ("command_ns", "<i8")),
+        ("ring", SAMPLE, 681),
+    ]
+)
 
-    capture_ns: int
-    total: int
-    oldest: int
-    command_ns: int
-    samples: bytes
 
-
-def trailer_of(source: Source) -> Trailer | None:
-    """Return the GYRODATA trailer of a JPEG; None if the file has none."""
-    if not source.head.startswith(b"\xff\xd8"):
-        return None
-    # The last 16 KiB of the file: a header, then a ring buffer of samples, the oldest at `oldest`.
-    end = source.tail(16384)
-    if len(end) < 16384 or not end.startswith(b"GYRODATA\0"):
-        return None
-    capture, total, oldest, command = struct.unpack_from("<16xqIIq", end)
-    return Trailer(capture, total, oldest, command, end[40:])
+def trailer_of(source: Source) -> Any:
+    """Return the GYRODATA trailer of a JPEG as a `TRAILER`; None if the file has none."""
+    end = source.tail(TRAILER.itemsize) if source.head.startswith(b"\xff\xd8") else b""
+    return np.frombuffer(end, TRAILER)[0] if len(end) == TRAILER.itemsize and end.startswith(b"GYRODATA\0") else None
 
 
 def _read_trailer(source: Source) -> Samples:
     trailer = trailer_of(source)
     if trailer is None:
         raise source.error("not a JPEG with a GYRODATA trailer")
-    sample = np.dtype([("ns", "<i8"), ("rates", "<f4", 3), ("extra", "<i4")])
-    room = len(trailer.samples) // sample.itemsize
-    if not 0 < trailer.total <= room or trailer.oldest > trailer.total:
+    total, oldest, room = int(trailer["total"]), int(trailer["oldest"]), len(trailer["ring"])
+    if not 0 < total <= room or oldest > total:
         raise source.error(
-            f"the GYRODATA trailer is damaged: it claims {trailer.total} samples, the oldest at {trailer.oldest}, "
+            f"the GYRODATA trailer is damaged: it claims {total} samples, the oldest at {oldest}, "
             f"but has room for {room}"
         )
-    ring = np.frombuffer(trailer.samples, sample, trailer.total)
-    ordered = np.roll(ring, -trailer.oldest)
-    rates = ordered["rates"].astype(np.float64)
+    ordered = np.roll(trailer["ring"][:total], -oldest)
     # Unused places of a ring that never filled up contain zeros.
-    used = ordered["ns"] > 0
-    if not np.isfinite(rates[used]).all():
-        raise source.error("the GYRODATA trailer is damaged: a rate is not finite")
+    used = ordered[ordered["ns"] > 0]
     return Samples(
-        ordered["ns"][used].astype(np.int64),
-        rates[used],
+        used["ns"].astype(np.int64),
+        used["rates"].astype(np.float64),
         lambda message, i: source.error(f"sample {i} of the GYRODATA trailer: {message}"),
-        facts={"capture_ns": trailer.capture_ns, "shutter_command_ns": trailer.command_ns},
+        facts={"capture_ns": int(trailer["capture_ns"]), "shutter_command_ns": int(trailer["command_ns"])},
     )
 
 
@@ -97,22 +82,17 @@ def _silence() -> Iterator[None]:
         yield
 
 
-class Telemetry(NamedTuple):
-    """Telemetry of a video: the camera, all blocks of about a second, and the samples of the IMU."""
-
-    camera: str
-    blocks: list[Mapping[str, Any]]
-    samples: list[Mapping[str, Any]]
+Blocks = list[Mapping[str, Any]]
 
 
-def telemetry_of(source: Source) -> Telemetry:
-    """Return the telemetry of a video."""
+def telemetry_of(source: Source) -> tuple[str, Blocks, Blocks]:
+    """Return the camera of a video, all blocks of its telemetry, of about a second, and the samples of the IMU."""
     try:
-        untrusted.check("telemetry of videos", "telemetry-parser")
+        check_trusted("telemetry of videos", "telemetry-parser")
         import telemetry_parser
     except ModuleNotFoundError:
         raise source.error(missing("reading the gyro data of a video needs telemetry-parser", "telemetry")) from None
-    except untrusted.Blocked as error:
+    except Refused as error:
         raise source.error(str(error)) from None
     check_sample_sizes(source)
     try:
@@ -130,14 +110,15 @@ def telemetry_of(source: Source) -> Telemetry:
         if type(error).__name__ != "PanicException":
             raise
         raise source.error(f"the video is damaged: {error}") from error
-    return Telemetry(f"{parser.camera or 'camera'} {parser.model or ''}".strip(), blocks, samples)
+    return f"{parser.camera or 'camera'} {parser.model or ''}".strip(), blocks, samples
 
 
-def _exposures(telemetry: Telemetry) -> list[float]:
+def _exposures(camera: str, blocks: Blocks) -> list[float]:
     """Return the exposure times of the frames of a video in s; none if they are missing or damaged."""
-    exposures = [entry for block in telemetry.blocks for entry in block.get("Exposure", {}).get("Data", [])]
-    if telemetry.camera.startswith(TIMED_EXPOSURES):
-        # `t` counts from the first frame of the video; the camera measures before it starts to record. `v` is in s.
+    exposures = [entry for block in blocks for entry in block.get("Exposure", {}).get("Data", [])]
+    if camera.startswith("Insta360"):
+        # Pairs, as KanDao's, whose unit nothing public documents. `t` counts from the first frame of the video; the
+        # camera measures before it starts to record. `v` is in s.
         exposures = [entry["v"] for entry in exposures if entry["t"] is not None and entry["t"] >= 0]
     return exposures if all(isinstance(seconds, float) and 0 < seconds < np.inf for seconds in exposures) else []
 
@@ -145,31 +126,29 @@ def _exposures(telemetry: Telemetry) -> list[float]:
 def frame_exposures(path: str | os.PathLike[str]) -> list[float]:
     """Return the exposure time of each frame in the telemetry of a video, in s; none if it contains none."""
     source = Source(path, "video")
-    return _exposures(telemetry_of(source)) if is_video(source) else []
+    return _exposures(*telemetry_of(source)[:2]) if is_video(source) else []
 
 
 def _read_video(source: Source, sensor: AnySensor) -> Samples:
-    telemetry = telemetry_of(source)
-    gyro = [sample for sample in telemetry.samples if sample.get("gyro") is not None]
+    camera, blocks, samples = telemetry_of(source)
+    gyro = [sample for sample in samples if sample.get("gyro") is not None]
     if not gyro:
-        raise source.error(f"the video of this {telemetry.camera} has no gyro samples")
+        raise source.error(f"the video of this {camera} has no gyro samples")
     times = np.array([sample["timestamp_ms"] for sample in gyro], dtype=np.float64)
     rates = np.array([sample["gyro"] for sample in gyro], dtype=np.float64)
     if sensor is not GYRO:
-        forces = [sample["accl"] for sample in telemetry.samples if sample.get("accl") is not None]
+        forces = [sample["accl"] for sample in samples if sample.get("accl") is not None]
         if not forces or len(times) < 2:
-            raise source.error(f"the video of this {telemetry.camera} has no samples of an accelerometer")
+            raise source.error(f"the video of this {camera} has no samples of an accelerometer")
         # telemetry-parser puts both sensors' samples side by side by their number, whatever their rates; they span the
         # same time.
         times, rates = np.linspace(times[0], times[-1], len(forces)), np.array(forces, dtype=np.float64)
     what = "gyro" if sensor is GYRO else "accelerometer"
-    if not (np.isfinite(times).all() and np.isfinite(rates).all()):
-        raise source.error(f"the video's {what} data are damaged: a sample is not finite")
 
     def error_at(message: str, i: int) -> FileFormatError:
         return source.error(f"{what} sample {i}: {message}")
 
-    unit, facts, cautions = "deg/s" if sensor is GYRO else sensor.unit, _facts(telemetry), []
+    unit, facts, cautions = "deg/s" if sensor is GYRO else sensor.unit, _facts(camera, blocks), []
     if "stabilised" in facts:
         cautions.append(
             f"the camera stabilised the video itself ({facts['stabilised']}): its picture does not move as the camera "
@@ -178,13 +157,13 @@ def _read_video(source: Source, sensor: AnySensor) -> Samples:
     return Samples(nanoseconds(times, error_at), rates, error_at, unit, "gyroflow", None, "ms", facts, cautions)
 
 
-def _facts(telemetry: Telemetry) -> dict[str, Any]:
-    first = telemetry.blocks[0].get("Default", {}) if telemetry.blocks else {}
-    facts: dict[str, Any] = {"camera": telemetry.camera}
+def _facts(camera: str, blocks: Blocks) -> dict[str, Any]:
+    first = blocks[0].get("Default", {}) if blocks else {}
+    facts: dict[str, Any] = {"camera": camera}
     for name, code, scale in (("readout_time_s", GOPRO_READOUT, 1e3), ("field_of_view_deg", GOPRO_VIEW, 1.0)):
         with contextlib.suppress(TypeError, ValueError, KeyError):
             facts[name] = float(first[code]) / scale
-    if exposures := _exposures(telemetry):
+    if exposures := _exposures(camera, blocks):
         facts["exposures_s"] = [min(exposures), max(exposures)]
     if first.get(GOPRO_STABILISED) == "Y":
         facts["stabilised"] = first.get(GOPRO_STABILISER, "yes")

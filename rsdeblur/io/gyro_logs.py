@@ -14,15 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from rsdeblur._util import validate
-from rsdeblur.io import archives, gyro_binary, gyro_tables, gyroflow
+from rsdeblur.io import gyro_binary, gyro_tables, gyroflow
+from rsdeblur.io.gyro_tables import FACTS
 from rsdeblur.io.samples import ACCELEROMETER, GYRO, AnySensor, GyroFile, Samples, finish
-from rsdeblur.io.source import Format, Source, choose
+from rsdeblur.io.source import Format, Source, choose, members_of
 from rsdeblur.io.text import line_error
 from rsdeblur.motion.acceleration import AccelerationLog
 from rsdeblur.motion.axes import orientation as orientation_matrix
 from rsdeblur.motion.gyro import GyroLog
 
-FAMILIES = (gyro_binary.formats, gyroflow.formats, archives.formats, gyro_tables.formats)
+FAMILIES = (gyro_binary.formats, gyroflow.formats, gyro_tables.formats)
 
 
 @cache
@@ -180,9 +181,9 @@ def _choose(
 ) -> tuple[Format[Samples], Source, dict[str, Any]]:
     """Return the format, the source of the log (the file or a member of it), and facts from files beside it."""
     known = formats(sensor)
-    order = partial(archives.order, sensor=sensor)
-    members = archives.members_of(Source(path, sensor.what), order)
-    facts = archives.facts_beside(members)
+    order = partial(_order, sensor=sensor)
+    members = members_of(Source(path, sensor.what), order)
+    facts = _facts_beside(members)
     tried = known if format is None else (choose(known, members[0], format),)
     # In their order, so that large files of other sensors are not parsed beside the log.
     for _, group in groupby(members, lambda member: order(member.path.name)[:2]):
@@ -195,6 +196,23 @@ def _choose(
     return choose(known, members[0], format, advice=advice * (sensor is GYRO)), members[0], facts
 
 
+def _order(name: str, sensor: AnySensor) -> tuple[bool, bool, str]:
+    """Sort key of file names: first a gyro without its bias, or an accelerometer with gravity, last other sensors."""
+    stem = Path(name).stem.lower()
+    if sensor is GYRO:
+        return "gyro" not in stem, "uncalibrated" in stem, name
+    return "totalacc" not in stem, "acc" not in stem, name
+
+
+def _facts_beside(members: list[Source]) -> dict[str, Any]:
+    """Return device and app from Sensor Logger's `Metadata.csv`; empty if it is not among the files."""
+    for member in members:
+        if member.path.name.lower() == "metadata.csv" and member.looks_like_text and len(member.text.lines) > 1:
+            names, values = (line.strip().split(",") for line in member.text.lines[:2])
+            return {name: value for name, value in zip(names, values, strict=False) if name in FACTS and value}
+    return {}
+
+
 def _only(archive: Path, members: list[Source], sensor: AnySensor) -> Source:
     """Return the only log among members whose names say equally much; raise `FileFormatError` if two may be it."""
     if sensor is GYRO:
@@ -204,5 +222,10 @@ def _only(archive: Path, members: list[Source], sensor: AnySensor) -> Source:
     else:
         logs = [each for each in members if each.path.name == members[0].path.name]
     if len(logs) > 1:
-        raise archives.several(archive, sensor.what, logs)
+        first, second = (each.path.relative_to(archive).as_posix() for each in logs[:2])
+        raise line_error(
+            archive,
+            f"the archive contains more than one {sensor.what}, {first} and {second}; extract the one of your photo or "
+            "video, and give that",
+        )
     return logs[0]

@@ -1,4 +1,4 @@
-"""Logs of gyros and accelerometers that are text tables.
+"""Logs of gyros and accelerometers that are text tables, and Sensor Logger's tables in JSON.
 
 Columns are found by name, or by the few layouts without a header. Apps differ only in names, order, units and
 separators, so there is one reader. The app that wrote the file decides the axes, and the unit of a column that names
@@ -10,6 +10,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +28,7 @@ from rsdeblur.io.columns import (
     unit_from_spacing,
 )
 from rsdeblur.io.samples import GRAVITY, GYRO, AnySensor, Axes, Samples, table_samples
-from rsdeblur.io.source import Format, text_format
+from rsdeblur.io.source import Format, Source, text_format
 from rsdeblur.io.text import TextFile, cells_of, is_number, read_table, separator_of
 from rsdeblur.types import FloatArray
 
@@ -103,10 +105,6 @@ def names_other_sensor(name: str) -> bool:
     return OTHER_SENSORS.search(name) is not None and "gyr" not in name.lower()
 
 
-def _is_euroc(text: TextFile, columns: Columns) -> bool:
-    return "wrssx" in columns.names or {"omegax", "alphax"} <= set(columns.names)
-
-
 def _sensorlogger_columns(text: TextFile) -> Columns | None:
     # Sensor Logger calls the columns of all its sensors z, y and x, in this order; some users rename them.
     columns = named_columns(text, RATE.bare)
@@ -135,7 +133,7 @@ def _is_tagged(text: TextFile) -> bool:
         return False
     if cells[0].isdecimal() and separator_of(text.head) is None:
         return True
-    return any(_type_of(line) in (GYRO_TYPE, UNCALIBRATED_TYPE) for line in text.filled())
+    return any(_type_of(text.lines[row]) in (GYRO_TYPE, UNCALIBRATED_TYPE) for row in text.rows)
 
 
 def _tagged_format(sensor: AnySensor) -> Format[Samples]:
@@ -144,8 +142,8 @@ def _tagged_format(sensor: AnySensor) -> Format[Samples]:
 
     def read(text: TextFile) -> Samples:
         rows: dict[str, list[int]] = {}
-        for row, line in zip(text.rows.tolist(), text.filled(), strict=True):
-            kind = _type_of(line)
+        for row in text.rows.tolist():
+            kind = _type_of(text.lines[row])
             if not (kind.isdecimal() or (kind.isalpha() and len(kind) > 2)):
                 raise text.error(f"{kind[:40]!r} is not a sensor type; lines must read `type t_ns x y z`", row)
             rows.setdefault(kind, []).append(row)
@@ -158,19 +156,22 @@ def _tagged_format(sensor: AnySensor) -> Format[Samples]:
     return text_format("deepgyro", "imu.txt with types, `type t_ns x y z`", _is_tagged, read)
 
 
-def _plain_columns(text: TextFile) -> Columns | None:
-    named = named_columns(text)
+def _plain_columns(text: TextFile, sensor: AnySensor = GYRO) -> Columns | None:
+    """Return named columns, or those of the sensor in a table of four or seven numbers without a header."""
+    named = named_columns(text, sensor.quantity)
     if named is not None:
         return named
-    bare = named_columns(text, RATE.bare)
-    if bare is not None and (any(bare.value_units) or bare.sensors or "gyr" in text.path.stem.lower()):
+    is_own = ("gyr" if sensor is GYRO else "acc") in text.path.stem.lower()
+    bare = named_columns(text, sensor.quantity.bare)
+    if bare is not None and (any(bare.value_units) or bare.sensors or is_own):
         return bare
     for width in (4, 7):
         grid = layout_grid(text, width)
         if grid is not None:
-            gyros, accelerometers = _sensors_beside(grid)
+            own, others = _sensors_beside(grid) if sensor is GYRO else _sensors_beside(grid)[::-1]
             # Four columns of an accelerometer are refused later, with the reason.
-            return gyros[0] if len(gyros) == 1 else accelerometers[0] if width == 4 else None
+            is_only = width == 4 and (sensor is GYRO or is_own)
+            return own[0] if len(own) == 1 else others[0] if is_only else None
     return None
 
 
@@ -193,22 +194,41 @@ def _unstamped_columns(text: TextFile) -> Columns | None:
     return named if named is not None or layout_grid(text, 3) is None else Columns((-1, 0, 1, 2))
 
 
-def _accelerometer_columns(text: TextFile, sensor: AnySensor) -> Columns | None:
-    """Return named columns, or the only ones that show gravity in a table of four or seven without a header."""
-    is_named = "acc" in text.path.stem.lower()
-    columns = named_columns(text, sensor.quantity)
-    if columns is None and is_named:
-        columns = named_columns(text, sensor.quantity.bare)
-    if columns is not None:
-        return columns
-    for width in (4, 7):
-        grid = layout_grid(text, width)
-        if grid is not None:
-            gyros, accelerometers = _sensors_beside(grid)
-            if is_named and width == 4:
-                return (accelerometers or gyros)[0]
-            return accelerometers[0] if len(accelerometers) == 1 else None
-    return None
+# Sensor Logger's names of the sensors; its "Accelerometer" is without gravity.
+SENSORS = {
+    "rates": ("Gyroscope", "GyroscopeUncalibrated"),
+    "accelerations": ("TotalAcceleration", "AccelerometerUncalibrated", "Accelerometer"),
+}
+# What reports say of its exports.
+FACTS = ("device name", "platform", "appVersion")
+
+
+def _is_json(source: Source) -> bool:
+    # Searching the start for the key avoids parsing large JSON files of other kinds.
+    return source.looks_like_json and b'"sensor"' in source.head and isinstance(source.json, list)
+
+
+def _read_json(source: Source, sensor: AnySensor) -> Samples:
+    """Read the likeliest log of the sensor in a JSON export of Sensor Logger."""
+    if not isinstance(source.json, list):
+        raise source.error("not a Sensor Logger export: expected a list of samples")
+    by_sensor: dict[str, list[dict[str, Any]]] = {}
+    for entry in source.json:
+        if isinstance(entry, dict):
+            by_sensor.setdefault(str(entry.get("sensor")), []).append(entry)
+    names = SENSORS[sensor.values]
+    name = next((each for each in names if each in by_sensor), None)
+    if name is None:
+        found = ", ".join(sorted(by_sensor))[:200]
+        raise source.error(f"the file contains no samples of the {names[0].lower()}, only of {found}")
+    with source.parsing(f"a sample of {name} lacks a number"):
+        ns = np.array([int(entry["time"]) for entry in by_sensor[name]], dtype=np.int64)
+        values = np.array([[float(entry[axis]) for axis in "xyz"] for entry in by_sensor[name]])
+    device = next(iter(by_sensor.get("Metadata", [])), {})
+    facts = {"sensor": name} | {key: device[key] for key in FACTS if key in device}
+    return Samples(
+        ns, values, lambda message, i: source.error(f"sample {i} of {name}: {message}"), unit=sensor.unit, facts=facts
+    )
 
 
 NAMED = "a header that names the timestamps and the rates about x, y and z"
@@ -221,7 +241,13 @@ GYRO_FORMATS: tuple[Format[Samples], ...] = (
         fits=lambda text, columns: columns.names[0] == "timestamp" and "[nanosec]" in text.head.lower(),
         axes="phone",
     ),
-    table_format("euroc", "EuRoC or Kalibr IMU CSV", named_columns, NAMED, fits=_is_euroc),
+    table_format(
+        "euroc",
+        "EuRoC or Kalibr IMU CSV",
+        named_columns,
+        NAMED,
+        fits=lambda text, columns: "wrssx" in columns.names or {"omegax", "alphax"} <= set(columns.names),
+    ),
     table_format(
         "phyphox",
         "phyphox Gyroscope.csv",
@@ -269,13 +295,14 @@ GYRO_FORMATS: tuple[Format[Samples], ...] = (
 
 def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
     """Return the formats of a sensor's logs."""
+    json = Format("sensorlogger-json", "Sensor Logger JSON export", _is_json, partial(_read_json, sensor=sensor))
     if sensor is GYRO:
-        return GYRO_FORMATS
+        return (json, *GYRO_FORMATS)
     table = table_format(
         "plain",
         "table with named columns, or columns that show gravity",
-        lambda text: _accelerometer_columns(text, sensor),
+        lambda text: _plain_columns(text, sensor),
         "columns of timestamps and accelerations",
         unit=sensor.unit,
     )
-    return table, _tagged_format(sensor)
+    return json, table, _tagged_format(sensor)

@@ -6,6 +6,7 @@ are in Gyroflow's frame (x up, y left, z back).
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 import zlib
@@ -19,13 +20,13 @@ import numpy as np
 from rsdeblur._util.extras import missing
 from rsdeblur.choices import Distortion
 from rsdeblur.errors import FileFormatError, InputError
-from rsdeblur.io.camera_file import Assumption, CameraFile, Request
+from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished
+from rsdeblur.io.columns import named_columns
 from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds, table_samples
 from rsdeblur.io.source import Format, Source, text_format, unpacked_limit
-from rsdeblur.io.text import NUMBER, Rows, TextFile, cells_of, read_table
+from rsdeblur.io.text import NUMBER, TextFile, read_table
 from rsdeblur.motion import lens
 from rsdeblur.motion.axes import orientation
-from rsdeblur.motion.camera import Camera
 from rsdeblur.types import FloatArray
 
 TITLES = ("GYROFLOW IMU LOG", "CAMERA IMU LOG")
@@ -71,39 +72,30 @@ def _read_gcsv(text: TextFile, sensor: AnySensor) -> Samples:
     letter, unit = ("g", "rad/s") if sensor is GYRO else ("a", "g")
     if not is_gcsv(text):
         raise text.error(f"not a Gyroflow log: the first line must read {' or '.join(TITLES)}", text.rows[0])
-    columns = [letter + axis for axis in "xyz"]
+    columns = named_columns(text, sensor.quantity)
+    if columns is None:
+        raise text.error(f"the Gyroflow log has no line `t,{letter}x,{letter}y,{letter}z` above its samples")
+    # Values and their lines by key; a value may contain the mark that separates it from its key.
     keys: dict[str, tuple[str, int]] = {}
-    for i, (row, line) in enumerate(zip(text.rows, text.filled(), strict=True)):
-        names = [cell.lower() for cell in cells_of(line)]
-        if len(names) >= 4 and names[0] in ("t", "time") and set(columns) <= set(names):
-            places = [0, *map(names.index, columns)]
-            return _gcsv_samples(text, text.rows[i + 1 :], places, keys, f"{letter}scale", unit)
-        key, *value = (part.strip(' "') for part in re.split("[,:;]", line.strip().rstrip(",;"), maxsplit=1))
-        if value:
-            keys[key.lower()] = (value[0], int(row))
-    raise text.error(f"the Gyroflow log has no line `t,{','.join(columns)}` above its samples")
+    for row in text.rows[: columns.start - 1].tolist():
+        key, *value = (part.strip(' "') for part in re.split("[,:;]", text.lines[row].strip().rstrip(",;"), maxsplit=1))
+        keys[key.lower()] = (value[0] if value else "", row)
 
-
-def _gcsv_samples(
-    text: TextFile, rows: Rows, places: list[int], keys: dict[str, tuple[str, int]], scale_key: str, unit: str
-) -> Samples:
     def scale(key: str, default: str) -> Decimal:
         value, row = keys.get(key, (default, 0))
         if not NUMBER.fullmatch(value) or not 1e-12 <= float(value) <= 1e12:
             raise text.error(f"{key} must be a number from 1e-12 to 1e12, got {value!r}", row)
         return Decimal(value)
 
-    tscale, value_scale = scale("tscale", "0.001"), float(scale(scale_key, "1"))
+    tscale, value_scale = scale("tscale", "0.001"), float(scale(f"{letter}scale", "1"))
     letters, row = keys.get("orientation", (DEFAULT_ORIENTATION, 0))
     try:
         turn = orientation(letters)
     except InputError as error:
         raise text.error(str(error), row) from error
     values = {key: value for key, (value, _) in keys.items()}
-    table = read_table(text, rows, places)
     named = ("version", "id", "vendor", "videofilename", "lensprofile", "lens_info", "timestamp")
-    facts = {"orientation": letters, **readout_of(values), **{key: values[key] for key in named if key in values}}
-    cautions = [] if "orientation" in keys else [_without_orientation(letters)]
+    table = read_table(text, text.rows[columns.start :], columns.places)
     return table_samples(
         table,
         table.nanoseconds(tscale * 10**9),
@@ -112,8 +104,8 @@ def _gcsv_samples(
         scale=value_scale,
         unit=unit,
         turn=turn,
-        facts=facts,
-        cautions=cautions,
+        facts={"orientation": letters, **readout_of(values), **{key: values[key] for key in named if key in values}},
+        cautions=[] if "orientation" in keys else [_without_orientation(letters)],
     )
 
 
@@ -122,10 +114,6 @@ def _without_orientation(letters: str) -> str:
         f"the log contains no orientation of its sensor: Gyroflow's default, {letters}, is assumed, which is right for "
         "few loggers"
     )
-
-
-def _sniff_project(source: Source) -> bool:
-    return source.looks_like_json and is_project(source.json)
 
 
 def is_project(content: Any) -> bool:
@@ -149,6 +137,8 @@ def _read_project(source: Source) -> Samples:
             origin = gyro.get("filepath") or project.get("videofile") or "the video"
             raise source.error(f"the project was saved without gyro data; give the file they come from: {origin}")
         t_ms, rates, unit = _decoded(source, raw)
+        if rates.shape[1:] != (3,):
+            raise ValueError("a sample is not three rates")
         letters = gyro.get("imu_orientation") or metadata.get("imu_orientation")
         cautions = [] if letters else [_without_orientation(DEFAULT_ORIENTATION)]
         # Applied in Gyroflow's order: bias (deg/s, raw axes, added), orientation, rotation (pitch, roll, yaw in deg).
@@ -200,30 +190,21 @@ def _decoded(source: Source, raw: Any) -> tuple[FloatArray, FloatArray, str]:
     if isinstance(raw, str):
         data = _payload(source, raw)
         if _looks_like_bincode(data):
-            return _finite(*_bincode(data), "deg/s")
+            return *_bincode(data), "deg/s"
         raw = _cbor(source, data)
     if isinstance(raw[0], Mapping):
         readings = [sample for sample in raw if sample.get("gyro") is not None]
         times = np.array([sample["timestamp_ms"] for sample in readings], dtype=np.float64)
-        return _finite(times, np.array([sample["gyro"] for sample in readings], dtype=np.float64), "deg/s")
+        return times, np.array([sample["gyro"] for sample in readings], dtype=np.float64), "deg/s"
     # The first versions of Gyroflow, written in Python, saved rows of s and rad/s.
     table = np.array(raw, dtype=np.float64)
-    return _finite(1e3 * table[:, 0], table[:, 1:4], "rad/s")
-
-
-def _finite(times: FloatArray, rates: FloatArray, unit: str) -> tuple[FloatArray, FloatArray, str]:
-    if rates.ndim != 2 or rates.shape[1] != 3 or not np.isfinite(rates).all() or not np.isfinite(times).all():
-        raise ValueError("a sample is not three finite rates with a time")
-    return times, rates, unit
+    return 1e3 * table[:, 0], table[:, 1:4], "rad/s"
 
 
 def _payload(source: Source, text: str) -> bytes:
     unpack = zlib.decompressobj()
     limit = unpacked_limit(len(text))
-    try:
-        data = unpack.decompress(base91_decode(text.encode("ascii")), limit)
-    except (UnicodeEncodeError, zlib.error) as error:
-        raise source.error(f"the gyro data of the project are damaged: {error}") from error
+    data = unpack.decompress(base91_decode(text.encode("ascii")), limit)
     if not unpack.eof:
         reason = f"unpack to more than {limit} bytes" if len(data) == limit else "are cut off"
         raise source.error(f"the gyro data of the project {reason}; save the project again")
@@ -319,46 +300,41 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
     crop = float((profile | setting).get("crop") or 1.0)
     if not 1e-3 <= crop <= 1e3:
         raise source.error(f"the profile's crop is {crop:g}, but must be from 0.001 to 1000")
-    asymmetrical = profile.get("asymmetrical", False)
-    timing = readout_of(profile | setting)
-    global_shutter = bool(profile.get("global_shutter"))
     # Gyroflow treats four zeros as no distortion, although the formula gives an equidistant lens.
     k = tuple(float(value) for value in params.get("distortion_coeffs") or ())
     standard = old or profile.get("distortion_model") == "opencv_standard"
     model: Distortion = "none" if not any(k) else "radtan" if standard else "fisheye"
-    camera = Camera(
-        width,
-        height,
-        (matrix[0, 0] / crop, matrix[1, 1] / crop),
+    named = ("camera_brand", "camera_model", "lens_model", "camera_setting", "calibrated_by", "fps")
+    facts = {key: profile[key] for key in named if profile.get(key)} | {"calibration_error_px": params.get("RMS_error")}
+    timing = {"readout_time_s": 0.0} if profile.get("global_shutter") else readout_of(profile | setting)
+    readout_time, assumed = timing.get("readout_time_s"), []
+    if readout_time:
+        text = f"the readout time of {1e3 * readout_time:.3g} ms was submitted by a user; treat it as a first guess"
+        # Those of real sensors. In the public database they range from 0.01 to 100 ms.
+        if not 0.002 <= readout_time <= 0.050:
+            text = f"the readout time of {1e3 * readout_time:.3g} ms is implausible; users submit these, so measure it"
+        assumed.append(Assumption("readout_time", text))
+    focal_length = matrix[0, 0] / crop, matrix[1, 1] / crop
+    if model == "fisheye" and math.hypot(width / 2 / focal_length[0], height / 2 / focal_length[1]) > lens.reach(k):
+        text = "the calibration does not reach the picture's corners, where the lens model is extrapolated"
+        assumed.append(Assumption("distortion", text))
+    return finished(
+        source,
+        request,
+        "gyroflow-lens",
+        assumed,
+        facts,
+        size=(width, height),
+        focal_length=focal_length,
         # For a symmetrical lens Gyroflow ignores the calibrated principal point.
-        (matrix[0, 2], matrix[1, 2]) if asymmetrical else None,
-        readout_time=0.0 if global_shutter else timing.get("readout_time_s", 0.0),
+        principal_point=(matrix[0, 2], matrix[1, 2]) if profile.get("asymmetrical") else None,
+        readout_time=readout_time,
         readout_direction=timing.get("readout_direction", "top-down"),
         imu_to_camera="gyroflow",
         distortion_model=model,
         distortion=() if model == "none" else k,
         timestamp_marks="middle",
     )
-    named = ("camera_brand", "camera_model", "lens_model", "camera_setting", "calibrated_by", "fps")
-    facts = {key: profile[key] for key in named if profile.get(key)} | {"calibration_error_px": params.get("RMS_error")}
-    assumptions = _readout_assumptions(camera.readout_time, global_shutter)
-    corner = float(np.hypot(width / 2 / camera.focal_length[0], height / 2 / camera.focal_length[1]))
-    if model == "fisheye" and corner > lens.reach(k):
-        text = "the calibration does not reach the picture's corners, where the lens model is extrapolated"
-        assumptions += (Assumption("distortion", text),)
-    return CameraFile(camera, "gyroflow-lens", facts, assumptions).fitted(request.size)
-
-
-def _readout_assumptions(readout_time: float, global_shutter: bool) -> tuple[Assumption, ...]:
-    if global_shutter:
-        return ()
-    text = f"the readout time of {1e3 * readout_time:.3g} ms was submitted by a user; treat it as a first guess"
-    if readout_time == 0:
-        text = "the profile does not contain the readout time: 0 is assumed; give it if the shutter rolls"
-    # Those of real sensors. In the public database they range from 0.01 to 100 ms.
-    elif not 0.002 <= readout_time <= 0.050:
-        text = f"the readout time of {1e3 * readout_time:.3g} ms is implausible; users submit these, so measure it"
-    return (Assumption("readout_time", text),)
 
 
 def _refuse_unmodelled(source: Source, profile: Mapping[str, Any]) -> None:
@@ -413,20 +389,20 @@ def _project(source: Source, project: dict[str, Any], request: Request) -> Camer
         request = Request((int(video["width"]), int(video["height"])), fps=request.fps or video.get("fps"))
     file = _profile(source, profile, request)
     offsets = [offset_ms(value) / 1e3 for value in (project.get("offsets") or {}).values()]
-    assumptions = file.assumptions
+    assumptions = list(file.assumptions)
     if offsets and max(offsets) - min(offsets) > 1e-3:
         text = f"the clocks drift by {1e3 * (max(offsets) - min(offsets)):.1f} ms; their mean offset is used"
-        assumptions += (Assumption("time_offset", text),)
+        assumptions.append(Assumption("time_offset", text))
     if video.get("rotation"):
-        assumptions += (
-            Assumption("", f"the project turns the video by {video['rotation']:g} degrees; that is not applied"),
-        )
+        text = f"the project turns the video by {video['rotation']:g} degrees; that is not applied"
+        assumptions.append(Assumption("", text))
     camera = file.camera.delayed(float(np.mean(offsets)) if offsets else 0.0)
-    return CameraFile(camera, "gyroflow-project", file.facts, assumptions)
+    return CameraFile(camera, "gyroflow-project", file.facts, tuple(assumptions))
 
 
 def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
     """Return the formats of a sensor's logs."""
     gcsv = text_format("gcsv", "Gyroflow .gcsv", is_gcsv, partial(_read_gcsv, sensor=sensor))
-    project = Format("gyroflow", "Gyroflow project", _sniff_project, _read_project)
+    is_json = lambda source: source.looks_like_json and is_project(source.json)  # noqa: E731
+    project = Format("gyroflow", "Gyroflow project", is_json, _read_project)
     return (gcsv, project) if sensor is GYRO else (gcsv,)

@@ -10,9 +10,8 @@ import numpy as np
 from rsdeblur._util.extras import missing
 from rsdeblur.choices import Distortion
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io.camera_file import Assumption, CameraFile, Request
+from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished
 from rsdeblur.io.source import Source
-from rsdeblur.motion.camera import Camera
 from rsdeblur.types import FloatArray
 
 MODELS: dict[str, Distortion] = {
@@ -47,8 +46,8 @@ def read(source: Source, request: Request) -> CameraFile:
         text = f"the file has {len(cameras)} cameras ({', '.join(cameras)}); {name} is used"
         assumptions.append(Assumption("", text))
     with source.parsing(name):
-        camera = _camera(source, cameras[name], assumptions)
-        return CameraFile(camera, "kalibr", {"camera": name}, tuple(assumptions)).fitted(request.size)
+        fields = _camera(source, cameras[name], assumptions)
+        return finished(source, request, "kalibr", assumptions, {"camera": name}, **fields)
 
 
 def _load(source: Source) -> Any:
@@ -114,7 +113,7 @@ def _of_maplab(entry: dict[str, Any]) -> dict[str, Any]:
     return renamed | ({"T_BS": entry["T_B_C"]} if "T_B_C" in entry else {})
 
 
-def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]) -> Camera:
+def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]) -> dict[str, Any]:
     model = str(entry.get("camera_model", "pinhole"))
     if not model.startswith("pinhole"):
         raise source.error(f"the camera model {model!r} is not supported, only pinhole; calibrate with pinhole-equi")
@@ -123,35 +122,27 @@ def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]
         raise source.error(f"the distortion model {kind!r} is not supported, only {', '.join(MODELS)}")
     fx, fy, cx, cy = _numbers(entry["intrinsics"])
     width, height = (int(size) for size in _numbers(entry["resolution"]))
-    upright, swapped = _off_centre(cx / width, cy / height), _off_centre(cx / height, cy / width)
+    # Distance of the principal point from the middle, in shares of the sides.
+    upright, swapped = (max(abs(cx / w - 0.5), abs(cy / h - 0.5)) for w, h in ((width, height), (height, width)))
     # Hardly any principal point is further from the middle than a tenth of the picture's side.
     if upright >= 0.5 > swapped or (upright > 0.1 and swapped < upright / 2):
         width, height = height, width
         assumptions.append(
             Assumption("", f"the resolution was swapped to {width}x{height}, which fits the principal point")
         )
-    delay = float(entry.get("line_delay") or 0.0)
-    if delay == 0:
-        text = "the file has no line_delay: a global shutter is assumed; give the readout time if the shutter rolls"
-        assumptions.append(Assumption("readout_time", text))
     coefficients = entry.get("distortion_coeffs", entry.get("distortion_coefficients", []))
-    return Camera(
-        width,
-        height,
-        (fx, fy),
-        (cx, cy),
-        readout_time=delay * height,
-        imu_to_camera=_imu_to_camera(entry, assumptions),
+    delay = float(entry.get("line_delay") or 0.0)
+    return {
+        "size": (width, height),
+        "focal_length": (fx, fy),
+        "principal_point": (cx, cy),
+        "readout_time": delay * height or None,
+        "imu_to_camera": _imu_to_camera(entry, assumptions),
         # t_imu = t_cam + shift
-        time_offset=0.0 - float(entry.get("timeshift_cam_imu") or 0.0),
-        distortion_model=MODELS[kind],
-        distortion=() if MODELS[kind] == "none" else _numbers(coefficients),
-    )
-
-
-def _off_centre(x: float, y: float) -> float:
-    """Return the distance of a point from the middle; both are shares of the sides."""
-    return max(abs(x - 0.5), abs(y - 0.5))
+        "time_offset": 0.0 - float(entry.get("timeshift_cam_imu") or 0.0),
+        "distortion_model": MODELS[kind],
+        "distortion": () if MODELS[kind] == "none" else _numbers(coefficients),
+    }
 
 
 def _imu_to_camera(entry: dict[str, Any], assumptions: list[Assumption]) -> FloatArray:

@@ -22,8 +22,8 @@ from rsdeblur._util.atomic import atomic_write, check_target, reserve
 from rsdeblur._util.files import checked_path
 from rsdeblur.errors import InputError, OutputError
 from rsdeblur.io import _tiff
-from rsdeblur.io._exif_block import PREFIX
 from rsdeblur.io._metadata import PNG_IPTC, Picture, png_iptc, renewed
+from rsdeblur.io.exif import PREFIX
 from rsdeblur.io.pictures import DAMAGE
 
 KINDS = {
@@ -127,14 +127,10 @@ def picture_to_fill(
         picture = renewed(like, np.broadcast_to(like.pixels.dtype.type(0), shape), kind, is_done=False)
         dtype = picture.pixels.dtype
         if kind == "NumPy":
-            header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
-            np.lib.format.write_array_header_1_0(file, header)
-            offset = file.tell()
-            file.truncate(offset + picture.pixels.nbytes)
+            samples = np.lib.format.open_memmap(file.name, "w+", dtype, shape)
         else:
-            offset = _tiff.write_empty(file, picture)
+            samples = np.memmap(file, dtype, "r+", _tiff.write_empty(file, picture), shape)
         reserve(file)
-        samples = np.memmap(file, dtype, "r+", offset, shape)
         yield samples
         samples.flush()
         _set_time(file, like)

@@ -29,10 +29,10 @@ from rsdeblur._util import validate
 from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur._util.threads import held_at_forks
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io import _heif, _raw, _tiff, untrusted
+from rsdeblur.io import _sensor, _tiff
 from rsdeblur.io._metadata import Picture as Picture
-from rsdeblur.io._metadata import fitting_profile, of_image
-from rsdeblur.io.source import Source, mistaken
+from rsdeblur.io._metadata import fitting_profile, of_info
+from rsdeblur.io.source import Refused, Source, check_trusted, mistaken
 
 # The largest phone sensors have 200 megapixels, the largest stitched camera files 400.
 MAX_PIXELS = 500_000_000
@@ -43,15 +43,7 @@ PIXELS_PER_BYTE = 1000
 
 PNG_MAGIC, NPY_MAGIC = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
 
-# Encoders write about ten scans into a progressive picture. Each scan takes as long to decode as a whole picture,
-# but its data may be as short as fifty bytes.
-MOST_SCANS = 100
-# Pictures may have twelve scans at any size, and more while the pixels of all scans are at most these: some 2 s.
-ORDINARY_SCANS, MOST_SCANNED = 12, 1_000_000_000
-
 JPEG_START, END, SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
-# Start of frame, of any coding; after the segment's length and the precision it has height and width.
-FRAMES = [bytes((0xFF, kind)) for kind in range(0xC0, 0xD0) if kind not in (0xC4, 0xC8, 0xCC)]
 # Inside coded samples, 0xFF is followed by 0 or by a restart marker (D0 to D7); these are not matched.
 MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
@@ -142,12 +134,12 @@ def _npy_place(file: BinaryIO, size: int) -> dict[str, Any]:
     is_picture = len(shape) in (2, 3) and all(shape) and (len(shape) == 2 or shape[2] in (2, 3, 4))
     if not is_picture or fortran or dtype not in (np.uint8, np.uint16, np.float32):
         order = " in Fortran order" if fortran else ""
-        raise _tiff.Unsupported(
+        raise Refused(
             f"the array has shape {shape} and type {dtype}{order}; a picture is not empty, and has shape (H, W) "
             "or (H, W, C) with C = 2, 3 or 4 and type uint8, uint16 or float32, in C order"
         )
     if shape[0] * shape[1] > MAX_PIXELS:
-        raise _tiff.Unsupported(f"the picture claims {shape[1]}x{shape[0]} pixels; the limit is {MAX_PIXELS}")
+        raise Refused(f"the picture claims {shape[1]}x{shape[0]} pixels; the limit is {MAX_PIXELS}")
     offset = file.tell()
     if offset + int(np.prod(shape)) * dtype.itemsize > size:
         raise EOFError("the file ends within the samples")
@@ -166,7 +158,7 @@ def _decoding(path: Path) -> Iterator[None]:
         raise mistaken(source) or FileFormatError(
             f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture; convert other pictures first"
         ) from None
-    except (Image.DecompressionBombError, _tiff.Unsupported, _heif.MissingPackage, untrusted.Blocked) as error:
+    except (Image.DecompressionBombError, Refused) as error:
         raise FileFormatError(f"{path}: {error}") from error
     except MemoryError as error:
         raise FileFormatError(f"{path}: not enough memory for the picture, or its size is damaged") from error
@@ -178,11 +170,11 @@ def is_picture(source: Source) -> bool:
     """Whether the content starts like a picture."""
     head = source.head
     return (
-        head.startswith((b"\xff\xd8\xff", PNG_MAGIC, *_tiff.MAGIC, *_raw.MAGIC))
+        head.startswith((b"\xff\xd8\xff", PNG_MAGIC, *_tiff.MAGIC, *_sensor.RAW_MAGIC))
         or (head[:4], head[8:12]) == (b"RIFF", b"WEBP")
         or head[4:12] == b"ftypcrx "
         or head.startswith(NPY_MAGIC)
-        or _heif.is_heif(head)
+        or _sensor.is_heif(head)
     )
 
 
@@ -219,12 +211,12 @@ def _size_limit(pixels: int = MAX_PIXELS) -> Iterator[None]:
 
 def _decode(data: bytes, suffix: str) -> Picture:
     limit = min(MAX_PIXELS, max(BELIEVED_PIXELS, PIXELS_PER_BYTE * len(data)))
-    if _raw.is_raw(data, suffix):
-        return _raw.decode(data, limit)
-    if _heif.is_heif(data):
-        return _heif.decode(data, limit)
+    if _sensor.is_raw(data, suffix):
+        return _sensor.decode_raw(data, limit)
+    if _sensor.is_heif(data):
+        return _sensor.decode_heif(data, limit)
     if data.startswith(_tiff.MAGIC):
-        return _tiff.decode(data, min(limit, max(_tiff.BELIEVED_PIXELS, PIXELS_PER_BYTE * len(data))))
+        return _tiff.decode(data, limit)
     if data.startswith(NPY_MAGIC):
         return Picture(np.ndarray(buffer=data, **_npy_place(BytesIO(data), len(data))).copy())
     if data.startswith(JPEG_START):
@@ -235,21 +227,28 @@ def _decode(data: bytes, suffix: str) -> Picture:
         image.load()
         # Pillow reduces 16-bit colour to 8 bit. IHDR, with the bit depth at byte 24, is always the first chunk.
         if image.format == "PNG" and data[24] == 16:
-            untrusted.check("16-bit PNG", "imagecodecs")
+            check_trusted("16-bit PNG", "imagecodecs")
             pixels = imagecodecs.png_decode(data)
         else:
             pixels = np.array(_with_plain_mode(image))
-        return of_image(image, data, pixels)
+        return of_info(image.info, data, pixels, image.info.get("exif"))
 
 
 def check_scans(data: bytes) -> None:
-    """Refuse a JPEG with too many scans."""
-    place, scans, most = len(JPEG_START), 0, MOST_SCANS
+    """Refuse a JPEG with too many scans.
+
+    Encoders write about ten into a progressive picture. Each takes as long to decode as a whole picture, but its data
+    may be as short as fifty bytes. Allowed are twelve at any size, and up to 100 while the pixels of all scans are at
+    most 10^9, some 2 s.
+    """
+    # Start of frame, of any coding; after the segment's length and the precision it has height and width.
+    frames = [bytes((0xFF, kind)) for kind in range(0xC0, 0xD0) if kind not in (0xC4, 0xC8, 0xCC)]
+    place, scans, most = len(JPEG_START), 0, 100
     while (marker := MARKER.search(data, place)) and marker[0] != END:
         start = marker.end()
-        if marker[0] in FRAMES:
+        if marker[0] in frames:
             height, width = (int.from_bytes(data[start + n : start + n + 2], "big") for n in (3, 5))
-            most = min(MOST_SCANS, max(ORDINARY_SCANS, MOST_SCANNED // max(height * width, 1)))
+            most = min(100, max(12, 10**9 // max(height * width, 1)))
         scans += marker[0] == SCAN
         if scans > most:
             raise ValueError(f"the JPEG has more than {most} scans")

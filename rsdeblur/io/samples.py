@@ -112,9 +112,9 @@ def table_samples(table: Table, ns: NDArray[np.int64] | None, *, scale: float = 
 
 
 def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64]:
-    """Return finite timestamps in ms as integers in ns; raise the error of the first one that does not fit."""
+    """Return timestamps in ms as integers in ns; raise the error of the first one that does not fit."""
     # float64 is coarser than 1 ns near the limit: a margin keeps rounding inside.
-    (beyond,) = np.nonzero(np.abs(milliseconds) >= (INT64_LIMIT - 1024) / 1e6)
+    (beyond,) = np.nonzero(~(np.abs(milliseconds) < (INT64_LIMIT - 1024) / 1e6))
     if beyond.size:
         i = int(beyond[0])
         raise error_at(f"timestamp {milliseconds[i]:g} ms is beyond the int64 range of nanoseconds (292 years)", i)
@@ -128,12 +128,13 @@ def finish(
     if unit is not None:
         validate.choice("unit", unit, sensor.units)
     unit = unit or samples.unit
+    is_gyro = sensor.values == "rates"
     _check_values(samples, sensor.values, unit, error)
     t, values, epoch, repairs = ordered(_timestamps(samples, rate, error), samples)
     if sensor.units[unit] != 1:
         values = values * sensor.units[unit]
     sizes: FloatArray = np.sqrt(np.einsum("ij,ij->i", values, values))
-    if sensor.values == "rates":
+    if is_gyro:
         if np.mean(np.abs(sizes - GRAVITY) < 0.5) > 0.9:
             raise error(
                 "these look like the samples of an accelerometer at rest (9.8 m/s^2), not of a gyro; "
@@ -145,23 +146,18 @@ def finish(
         log = sensor.make(t, values, epoch)
     except InputError as reason:
         raise samples.error_at(str(reason), 0) if len(t) < 2 else error(str(reason)) from reason
-    of_force = [f"accelerometer: {repair}" for repair in repairs]
-    for caution in _cautions(log.rate, samples, repairs) if sensor.values == "rates" else of_force:
+    for caution in _cautions(samples, log.rate, repairs) if is_gyro else [f"accelerometer: {each}" for each in repairs]:
         warnings.warn(str(error(caution)), RsdeblurWarning, stacklevel=3)
     return log
 
 
-def _cautions(rate: float, samples: Samples, repairs: list[str]) -> list[str]:
+def _cautions(samples: Samples, rate: float, repairs: list[str]) -> list[str]:
     """Return reasons to distrust a gyro log."""
-    found = [*samples.cautions, *repairs]
     # Gyros sample at 20 Hz to 8 kHz; beyond these bounds timestamps are rather in another unit, by a factor of 1000.
     if 5.0 <= rate <= 50_000.0:
-        return found
-    return [
-        *found,
-        f"the timestamps in {samples.time_unit} mean a sampling rate of {rate:.3g} Hz, but a gyro's is 20 to 8000 "
-        "Hz; is the unit of time right?",
-    ]
+        return [*samples.cautions, *repairs]
+    text = f"the timestamps in {samples.time_unit} mean a sampling rate of {rate:.3g} Hz"
+    return [*samples.cautions, *repairs, f"{text}, but a gyro's is 20 to 8000 Hz; is the unit of time right?"]
 
 
 def _check_gravity(size: float, units: Mapping[str, float], unit: str, error: Callable[[str], FileFormatError]) -> None:
@@ -178,12 +174,13 @@ def _check_gravity(size: float, units: Mapping[str, float], unit: str, error: Ca
 
 
 def _check_values(samples: Samples, what: str, unit: str, error: Callable[[str], FileFormatError]) -> None:
-    """Raise `FileFormatError` if there are no samples, or one is so large that computing with it may overflow."""
+    """Raise `FileFormatError` if there are no samples, or one is not finite or so large that computing may overflow."""
     values = samples.values
     if not len(values):
         raise error("the file contains no samples")
-    if max(values.max(), -values.min()) > LARGEST_RATE:
-        i = int(np.argwhere(np.abs(values) > LARGEST_RATE)[0, 0])
+    (bad,) = np.nonzero(~(np.abs(values) <= LARGEST_RATE).all(axis=1))
+    if bad.size:
+        i = int(bad[0])
         raise samples.error_at(f"impossible {what}: {values[i].tolist()} {unit}; is the unit right?", i)
 
 

@@ -1,14 +1,17 @@
-"""A file of unknown format, of which only the parts in use are read, and the detection of its format."""
+"""Files and members of archives, of which only the parts in use are read, and the detection of their formats."""
 
 from __future__ import annotations
 
 import json
 import os
 import struct
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from io import BytesIO
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from rsdeblur._util import validate
@@ -19,6 +22,28 @@ from rsdeblur.io.text import TextFile
 
 # Bytes that are enough to recognise any format by its start.
 HEAD = 4096
+# What `zipfile` raises on damaged or encrypted archives.
+DAMAGE = (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError, OSError, ValueError, LookupError, struct.error)
+# Switches off decoders of strangers' files that no public fuzzing covers.
+BLOCK_UNTRUSTED = "RSDEBLUR_BLOCK_UNTRUSTED"
+
+
+class Refused(ValueError):
+    """Why a file is not decoded; users see the message unchanged."""
+
+
+def is_untrusted_blocked() -> bool:
+    """Whether decoders that no public fuzzing covers are switched off."""
+    return os.environ.get(BLOCK_UNTRUSTED, "") not in ("", "0")
+
+
+def check_trusted(content: str, library: str) -> None:
+    """Raise `Refused` if `library`, which no public fuzzing covers and which decodes `content`, is switched off."""
+    if is_untrusted_blocked():
+        raise Refused(
+            f"{content} would be decoded by {library}, which no public fuzzing covers, and the environment variable "
+            f"{BLOCK_UNTRUSTED} forbids that: convert the file where it may be trusted, or unset the variable"
+        )
 
 
 def unpacked_limit(packed: int) -> int:
@@ -100,7 +125,7 @@ class Source:
             raise
         except InputError as error:
             raise self.error(f"{what}: {error}") from error
-        except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError, struct.error) as error:
+        except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, struct.error, zlib.error) as error:
             raise self.error(f"{what}: damaged or incomplete, {error!r}") from error
 
     def error(self, message: str) -> FileFormatError:
@@ -185,3 +210,51 @@ def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None
         f"unknown {source.what} format, the content starts with {start!r}{advice}; known formats: {known}",
         source.text.rows[0],
     )
+
+
+def is_archive(source: Source) -> bool:
+    """Whether the file is a zip archive."""
+    return source.head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
+
+
+def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]]) -> list[Source]:
+    """Return the text files of a zip archive, in the order of this key; any other file is returned alone."""
+    if not is_archive(source):
+        return [source]
+    try:
+        with zipfile.ZipFile(BytesIO(source.data)) as archive:
+            entries = [
+                entry
+                for entry in archive.infolist()
+                if entry.filename.lower().endswith((".csv", ".json", ".txt", ".gcsv", ".tsv"))
+                and "__MACOSX" not in entry.filename
+            ]
+            size, limit = sum(entry.file_size for entry in entries), unpacked_limit(len(source.data))
+            if size > limit:
+                raise source.error(
+                    f"the archive claims to contain {size} bytes of text, the limit is {limit}; "
+                    "extract it and give the gyro's file"
+                )
+            entries.sort(key=lambda entry: order(entry.filename))
+            members = [_member(source, archive, entry) for entry in entries]
+    except FileFormatError:
+        raise
+    except DAMAGE as error:
+        raise source.error(f"the archive is damaged or encrypted: {error}") from error
+    if not members:
+        # A spreadsheet is an archive, too.
+        sheet = b"[Content_Types].xml" in source.head or b"mimetypeapplication/vnd.oasis" in source.head
+        raise source.error("a spreadsheet; save it as CSV" if sheet else f"the archive contains no {source.what}")
+    return members
+
+
+def _member(source: Source, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Source:
+    if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise source.error(
+            f"{entry.filename!r} is compressed by a method other than deflate; extract it and give the gyro's file"
+        )
+    with archive.open(entry) as file:
+        # A damaged member may unpack to more than its entry claims; the rest is not read.
+        content = file.read(entry.file_size)
+    # Joined as text: an absolute name that is joined as a path would replace the archive's path.
+    return Source(f"{source.path}/{entry.filename}", source.what, content)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from decimal import Decimal
@@ -23,8 +23,9 @@ NUMBER = re.compile(r"\s*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 
 INT64_LIMIT = 2**63
-# The names of the columns are among the first lines; some apps write a few lines about the recording above them.
-PREAMBLE = 20
+# Rows, spread over a table, that decide its layout: enough that no rate rises from each to the next by chance. The
+# names of the columns are among as many first rows, because apps write lines about the recording above them.
+LAYOUT_ROWS = 50
 # Characters of the longest line that may name columns or contain dates: a ROS topic with all its covariances has 1500.
 HEADER_WIDTH = 4096
 # First bytes of files that contain a log, but not as text.
@@ -82,24 +83,11 @@ class TextFile:
         if ISO_TIMESTAMP.search(lines[rows[len(rows) // 2]][:HEADER_WIDTH]):
             text = ISO_TIMESTAMP.sub(_unix_timestamp, text)
             lines = text.split("\n")
-        # A number without a fraction has no comma, but hardly all numbers of 50 rows are such.
-        if any(_has_decimal_commas(lines[row]) for row in spread(rows, 50)):
+        # A number without a fraction has no comma, but hardly all numbers of so many rows are such.
+        if any(_has_decimal_commas(lines[row]) for row in spread(rows, LAYOUT_ROWS)):
             text = text.replace(",", ".")
             lines = text.split("\n")
-        file = cls(path, lines, rows, start)
-        if file.is_tabbed:
-            return cls(path, text.replace("\t", ";").split("\n"), rows, start)
-        return file
-
-    @property
-    def is_tabbed(self) -> bool:
-        """Whether tabs separate the columns that a header names, so that cells may contain spaces or nothing."""
-        tabs = self.lines[self.rows[len(self.rows) // 2]].count("\t")
-        return any(2 <= line.count("\t") <= tabs and separator_of(line) is None for line, _ in self.headers)
-
-    def filled(self) -> Iterator[str]:
-        """Return the lines of `rows`."""
-        return (self.lines[row] for row in self.rows)
+        return cls(path, lines, rows, start)
 
     @property
     def head(self) -> str:
@@ -114,12 +102,12 @@ class TextFile:
         above it.
         """
         named: list[tuple[str, int]] = []
-        for i, row in enumerate(self.rows[:PREAMBLE]):
+        for i, row in enumerate(self.rows[:LAYOUT_ROWS]):
             if len(self.lines[row]) > HEADER_WIDTH or all(map(is_number, cells_of(self.lines[row]))):
                 break
             named.append((self.lines[row].lstrip("% "), i + 1))
         above = (line.lstrip().removeprefix("#") for line in reversed(self.lines[: self.rows[0]]))
-        return named or [(line, 0) for line in islice(above, PREAMBLE) if line.strip() and len(line) <= HEADER_WIDTH]
+        return named or [(line, 0) for line in islice(above, LAYOUT_ROWS) if line.strip() and len(line) <= HEADER_WIDTH]
 
     def error(self, message: str, row: int | np.intp | None = None) -> FileFormatError:
         """Return the error that names the file and the line; `row` counts from 0, the message from 1."""
@@ -142,8 +130,8 @@ class Table:
     """In the file's own unit, shape (n,): int64 if all are whole numbers that fit, else float64."""
     values: FloatArray
     """Finite, shape (n, k)."""
-    timestamp_cells: Callable[[Rows], list[str]]
-    """Returns the timestamps of some samples as they are written."""
+    timestamp_cells: Callable[[], list[str]]
+    """Returns the timestamps as they are written."""
 
     def check_range(self, unit: Decimal) -> None:
         """Raise `FileFormatError` at the first timestamp that does not fit int64 nanoseconds; `unit` is in ns."""
@@ -160,20 +148,8 @@ class Table:
         whole = self.timestamps.dtype == np.int64
         if whole and unit == int(unit):
             return self.timestamps * np.int64(int(unit))
-        ns = np.empty(len(self.timestamps), np.int64)
-        block = 2**16  # bounds memory
-        for i in range(0, len(ns), block):
-            products = self.timestamps[i : i + block] * float(unit)
-            nearest = np.rint(products)
-            ns[i : i + block] = nearest
-            # Float64 decides all but large timestamps, and those close to a half. Timestamp, unit and product are
-            # rounded, by 2**-53 each.
-            (unsure,) = np.nonzero(0.5 - np.abs(products - nearest) <= 2.0**-51 * np.abs(products))
-            if unsure.size:
-                unsure += i
-                exact = self.timestamps[unsure].tolist() if whole else self.timestamp_cells(unsure)
-                ns[unsure] = [round(Decimal(timestamp) * unit) for timestamp in exact]
-        return ns
+        exact = self.timestamps.tolist() if whole else self.timestamp_cells()
+        return np.array([round(Decimal(timestamp) * unit) for timestamp in exact], np.int64)
 
 
 def spread(rows: Rows, count: int) -> Rows:
@@ -182,8 +158,8 @@ def spread(rows: Rows, count: int) -> Rows:
 
 
 def separator_of(line: str) -> str | None:
-    """Return what separates the cells of `line`: a semicolon, a comma, a bar, or None for spaces and tabs."""
-    return next((mark for mark in ";,|" if mark in line), None)
+    """Return what separates the cells of `line`: a semicolon, a comma, a bar, several tabs, or None for any spaces."""
+    return next((mark for mark in ";,|" if mark in line), "\t" if line.count("\t") > 1 else None)
 
 
 def _unix_timestamp(match: re.Match[str]) -> str:
@@ -204,18 +180,8 @@ def _has_decimal_commas(line: str) -> bool:
 
 def cells_of(line: str) -> list[str]:
     """Return the cells of `line` without spaces and quotes around them; a separator at its end adds no cell."""
-    separator = separator_of(line)
-    if separator is None and "\t" in line and not all(map(is_number, line.split())):
-        separator = "\t"  # names may contain spaces
-    cells = [cell.strip().strip('"').strip() for cell in line.split(separator)]
+    cells = [cell.strip().strip('"').strip() for cell in line.split(separator_of(line))]
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
-
-
-def find_columns(header: str, patterns: Sequence[str]) -> list[int] | None:
-    """Return which cell of `header`, in lower case, fully matches each pattern; None if one has no match."""
-    names = [cell.lower() for cell in cells_of(header)]
-    places = [next((k for k, name in enumerate(names) if re.fullmatch(pattern, name)), -1) for pattern in patterns]
-    return None if -1 in places else places
 
 
 def is_number(cell: str) -> bool:
@@ -260,7 +226,7 @@ def read_table(text: TextFile, rows: Rows | Sequence[int], columns: Sequence[int
         rows,
         data["timestamp"].copy(),
         data["values"].copy(),
-        lambda some: cells(rows[some], str, columns[:1]).tolist(),
+        lambda: cells(rows, str, columns[:1]).tolist(),
     )
 
 

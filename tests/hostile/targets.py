@@ -22,7 +22,8 @@ from rsdeblur.cli.info import (
 from rsdeblur.io import read_acceleration, read_picture, write_picture
 from rsdeblur.io.picture_output import picture_to_fill
 from rsdeblur.psf import PsfBank
-from tests.hostile import packets, seeds
+from tests._util import files
+from tests.hostile import packets
 from tests.hostile.mutate import mutated
 
 AS_IS: dict[str, Any] = dict.fromkeys(("format", "unit", "orientation"))
@@ -118,55 +119,57 @@ def _bank(path: Path) -> None:
     PsfBank.load(path)
 
 
-def _text(read: Callable[[Path], None], files: Sequence[bytes], name: str) -> Target:
-    return Target(read, lambda: files, name, text=True)
+def _text(read: Callable[[Path], None], texts: Sequence[bytes] | dict[str, str], name: str) -> Target:
+    contents = [text.encode() for text in texts.values()] if isinstance(texts, dict) else texts
+    return Target(read, lambda: contents, name, text=True)
 
 
 TARGETS: dict[str, Target] = {
-    **{name: _text(_gyro, files, "log.csv") for name, files in seeds.GYRO_TABLES.items()},
-    "unstamped": _text(_unstamped, seeds.UNSTAMPED, "log.csv"),
-    "acceleration": _text(_acceleration, seeds.ACCELERATIONS, "accel.csv"),
-    "trajectory": _text(_trajectory, seeds.TRAJECTORIES, "poses.txt"),
-    "sensorlogger-json": Target(_gyro, lambda: [seeds.sensorlogger_json()], "log.json", text=True),
-    "gyrodata": Target(_gyro, lambda: [seeds.trailer()], "a.jpg"),
-    "zip": Target(_gyro, lambda: [seeds.GYRO_TABLES["sensorlogger"][0]], "a.zip", text=True, pack=seeds.archive),
+    **{name: _text(_gyro, tables, "log.csv") for name, tables in files.GYRO_TABLES.items()},
+    "unstamped": _text(_unstamped, files.UNSTAMPED, "log.csv"),
+    "acceleration": _text(_acceleration, files.ACCELERATIONS, "accel.csv"),
+    "trajectory": _text(_trajectory, files.TRAJECTORIES, "poses.txt"),
+    "sensorlogger-json": Target(_gyro, lambda: [files.sensorlogger_json()], "log.json", text=True),
+    "gyrodata": Target(_gyro, lambda: [files.trailer()], "a.jpg"),
+    "zip": Target(_gyro, lambda: [files.GYRO_TABLES["sensorlogger"][0]], "a.zip", text=True, pack=files.archive),
     "zip-file": Target(
         _gyro,
-        lambda: [seeds.archive(seeds.GYRO_TABLES["sensorlogger"][0]), seeds.archive(seeds.trailer(), "version")],
+        lambda: [files.archive(files.GYRO_TABLES["sensorlogger"][0]), files.archive(files.trailer(), "version")],
         "a.zip",
     ),
     "gyroflow": Target(
         _gyro,
         lambda: [
-            seeds.project({"raw_imu": [[0.005 * i, *rate] for i, rate in enumerate(seeds.RATES.tolist())]}),
-            seeds.project({"raw_imu": [{"timestamp_ms": 5 * i, "gyro": [1, 2, 3.5]} for i in range(9)]}),
-            seeds.packed_project(seeds.cbor(), "file_metadata"),
+            files.project({"raw_imu": [[0.005 * i, *rate] for i, rate in enumerate(files.RATES.tolist())]}),
+            files.project({"raw_imu": [{"timestamp_ms": 5 * i, "gyro": [1, 2, 3.5]} for i in range(9)]}),
+            files.packed_project(files.cbor(), "file_metadata"),
             b'{"gyro_source": {"raw_imu": [[0.0, 1, 2, 3], [0.005, 1, 2, 3]]}}',
         ],
         "a.gyroflow",
         text=True,
     ),
     "gyroflow-cbor": Target(
-        _gyro, lambda: [seeds.cbor()], "a.gyroflow", pack=partial(seeds.packed_project, key="file_metadata")
+        _gyro, lambda: [files.cbor()], "a.gyroflow", pack=partial(files.packed_project, key="file_metadata")
     ),
     "gyroflow-bincode": Target(
-        _gyro, lambda: [seeds.bincode()], "a.gyroflow", pack=partial(seeds.packed_project, key="raw_imu")
+        _gyro, lambda: [files.bincode()], "a.gyroflow", pack=partial(files.packed_project, key="raw_imu")
     ),
-    "toml": _text(_camera, seeds.CAMERA_TOML, "camera.toml"),
-    "kalibr": _text(_camera, seeds.KALIBR, "camera.yaml"),
-    "gyroflow-lens": Target(_camera, lambda: [*seeds.LENSES, seeds.project({})], "lens.json", text=True),
-    "exif": Target(_camera, lambda: [seeds.exif()], "a.jpg", pack=seeds.jpeg),
-    **{name: _text(_captures, files, "captures.csv") for name, files in seeds.CAPTURES.items()},
-    "gyrodata-captures": Target(_captures, lambda: [seeds.trailer()], "a.jpg"),
-    "jpeg": Target(_picture, lambda: [*seeds.jpegs(), *packets.jpegs()], "a.jpg"),
-    "jpeg-exif": Target(_picture, lambda: [seeds.exif()], "a.jpg", pack=seeds.jpeg),
-    "png": Target(_picture, lambda: [*seeds.pngs(), *packets.pngs()], "a.png"),
-    "png-mended": Target(_picture, seeds.pngs, "a.png", pack=seeds.mended_png),
-    "webp": Target(_picture, lambda: [*seeds.webps(), *packets.webps()], "a.webp"),
-    "tiff": Target(_picture, lambda: [*seeds.tiffs(), *packets.tiffs()], "a.tif"),
-    "npy": Target(_picture, seeds.npys, "a.npy"),
-    "mapped": Target(_mapped, lambda: [*seeds.npys(), *seeds.tiffs()], "a.npy"),
-    "heic": Target(_picture, lambda: [seeds.heic(), *packets.heics()], "a.heic"),
-    "dng": Target(_picture, lambda: [seeds.dng()], "a.dng"),
-    "psf-bank": Target(_bank, lambda: [seeds.bank()], "bank.npz"),
+    "toml": _text(_camera, files.CAMERA_TOML, "camera.toml"),
+    "kalibr": _text(_camera, files.KALIBR, "camera.yaml"),
+    "gyroflow-lens": Target(_camera, lambda: [*files.LENSES, files.project({})], "lens.json", text=True),
+    "exif": Target(_camera, lambda: [files.exif()], "a.jpg", pack=files.jpeg),
+    "captures": _text(_captures, files.CAPTURES, "captures.csv"),
+    "mars-camera": _text(_camera, [files.CAPTURES["ios"].encode()], "captures.csv"),
+    "gyrodata-captures": Target(_captures, lambda: [files.trailer()], "a.jpg"),
+    "jpeg": Target(_picture, lambda: [*files.jpegs(), *packets.jpegs()], "a.jpg"),
+    "jpeg-exif": Target(_picture, lambda: [files.exif()], "a.jpg", pack=files.jpeg),
+    "png": Target(_picture, lambda: [*files.pngs(), *packets.pngs()], "a.png"),
+    "png-mended": Target(_picture, files.pngs, "a.png", pack=files.mended_png),
+    "webp": Target(_picture, lambda: [*files.webps(), *packets.webps()], "a.webp"),
+    "tiff": Target(_picture, lambda: [*files.tiffs(), *packets.tiffs()], "a.tif"),
+    "npy": Target(_picture, files.npys, "a.npy"),
+    "mapped": Target(_mapped, lambda: [*files.npys(), *files.tiffs()], "a.npy"),
+    "heic": Target(_picture, lambda: [files.heic(), *packets.heics()], "a.heic"),
+    "dng": Target(_picture, lambda: [files.dng()], "a.dng"),
+    "psf-bank": Target(_bank, lambda: [files.bank()], "bank.npz"),
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PIL import Image
-from PIL.ExifTags import GPS, IFD, Base
+from PIL.ExifTags import IFD, Base
 
 from rsdeblur.errors import ClockError, InputError
 from rsdeblur.io.exif import Exif, capture_time, on_clock_of, shown_time
@@ -16,10 +16,9 @@ NOON_NS = 1_766_385_749_000_000_000
 LOCAL = "2025:12:22 08:42:29"
 
 
-def exif_of(tags: dict[int, str], gps: dict[int, object] | None = None) -> Exif:
+def exif_of(tags: dict[int, str]) -> Exif:
     block = Image.Exif()
     block.get_ifd(IFD.Exif).update(tags)
-    block.get_ifd(IFD.GPSInfo).update(gps or {})
     return Exif(block.tobytes())
 
 
@@ -32,27 +31,13 @@ def log_at(ns: int, seconds: float = 10.0) -> GyroLog:
     "exif",
     [
         exif_of({Base.DateTimeOriginal: LOCAL, Base.SubsecTimeOriginal: "25", Base.OffsetTimeOriginal: "+02:00"}),
-        # A fix that is half a minute old; the local time is two hours ahead of it.
-        exif_of(
-            {Base.DateTimeOriginal: LOCAL, Base.SubsecTimeOriginal: "250\0"},
-            {GPS.GPSDateStamp: "2025:12:22", GPS.GPSTimeStamp: (6.0, 41.0, 59.0)},
-        ),
         # No zone: the log covers the photo in one zone only.
         exif_of({Base.DateTimeOriginal: LOCAL, Base.SubsecTimeOriginal: "250000"}),
     ],
-    ids=["offset", "gps", "log"],
+    ids=["offset", "log"],
 )
-def test_the_zone_follows_from_offset_gps_or_log(exif: Exif) -> None:
+def test_the_zone_follows_from_offset_or_log(exif: Exif) -> None:
     assert on_clock_of(capture_time(exif), log_at(NOON_NS - 10**9)) == NOON_NS + 250_000_000
-
-
-@pytest.mark.parametrize("hours", [6.0 + 24, 1e9])
-def test_a_fix_of_another_day_is_no_zone(hours: float) -> None:
-    block = exif_of(
-        {Base.DateTimeOriginal: LOCAL}, {GPS.GPSDateStamp: "2025:12:22", GPS.GPSTimeStamp: (hours, 42.0, 29.0)}
-    )
-    assert not capture_time(block).has_zone
-    assert shown_time(block) == "2025-12-22 08:42:29.000 local time"
 
 
 def test_times_without_a_place_are_refused() -> None:
@@ -60,6 +45,7 @@ def test_times_without_a_place_are_refused() -> None:
         with pytest.raises(InputError, match="no DateTimeOriginal"):
             capture_time(exif_of({Base.DateTimeOriginal: f"{year} 00:00:00", Base.OffsetTimeOriginal: "-14:00"}))
     local = capture_time(exif_of({Base.DateTimeOriginal: LOCAL}))
+    assert shown_time(exif_of({Base.DateTimeOriginal: LOCAL})) == "2025-12-22 08:42:29.000 local time"
     with pytest.raises(ClockError, match="not Unix time"):
         on_clock_of(local, log_at(10**15))
     with pytest.raises(ClockError, match="the log does not cover it"):

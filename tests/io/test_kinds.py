@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from PIL import Image
 
 import rsdeblur
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.cameras import write_time_offset
-from tests.hostile import seeds
+from tests._util import files
 from tests.installed import needs
 
 READERS: dict[str, Callable[[Path], Any]] = {
@@ -33,45 +30,25 @@ ADVICE = {
     "picture": "give it as the photo",
     "video": "give it to rsdeblur video",
 }
-TIMES = np.arange(40) * 5_000_000 + 1_560_000_000_000
-KALIBR = seeds.KALIBR[1].decode()
-
-
-def lines(pattern: str) -> str:
-    """Return a line for each of `TIMES`; `pattern` contains t in ns and s in s."""
-    return "".join(pattern.format(t=t, s=(t - TIMES[0]) * 1e-9, x=np.sin(t)) + "\n" for t in TIMES.tolist())
-
-
 # Name and content of files, by kind. Where a kind may be read from another one, as a camera from a log, that is left
 # out.
 FILES: dict[str, list[tuple[str, str]]] = {
     "gyro log": [
-        ("gyro.csv", "t,wx,wy,wz\n" + lines("{s:.3f},{x:.4f},0.1,0.2")),
-        ("gyro_accel.csv", "Timestamp[nanosec],gx[rad/s],gy[rad/s],gz[rad/s]\n" + lines("{t},{x:.4f},0.1,0.2")),
-        ("imu.csv", "timestamp,omega_x,omega_y,omega_z,alpha_x,alpha_y,alpha_z\n" + lines("{t},{x:.4f},1,2,9.8,0,0")),
-        ("x_gyro.csv", lines("{x:.4f},0.1,0.2,{t}")),
-        ("imu.txt", lines("4 {t} {x:.4f} 0.1 0.2")),
+        ("gyro.csv", "t,wx,wy,wz\n" + files.rows("{s},{x},{y},{z}")),
+        *((f"{name} gyro.csv", files.LAYOUTS[name][0]) for name in ("mars", "kalibr", "tags", "opencamera")),
     ],
-    "capture file": [
-        ("movie_metadata.csv", "Timestamp[nanosec],Exposure time[nanosec]\n" + lines("{t},4000000")),
-        ("images.txt", lines("{t} 4000000")),
-        ("image_info.txt", lines("{t} 100 4000000 1500 1500 960 540 1")),
-        ("timestamps.csv", lines("{t}")),
-        ("frame_timestamps.txt", "Timestamp[nanosec]\n" + lines("{t}")),
-    ],
+    "capture file": [(f"{name}.csv", files.CAPTURES[name]) for name in ("deepgyro", "image-info", "timestamps")]
+    + [("named.csv", files.CAPTURES["named"]), ("frame_timestamps.txt", files.CAPTURES["named timestamps"])],
     "camera file": [
-        ("camera.toml", "width = 320\nheight = 240\nfocal_length = 350\n"),
-        ("camera.txt", "# phone\nwidth = 320\nheight = 240\nfocal_length = 350\n"),
-        ("camchain.yaml", KALIBR),
-        ("lens.json", json.dumps(seeds.PROFILE)),
+        ("camera.toml", files.CAMERA_TOML[0].decode()),
+        ("camera.txt", files.CAMERA_TOML[1].decode()),
+        ("camchain.yaml", files.CHAIN),
+        ("lens.json", files.LENSES[0].decode()),
     ],
-    "trajectory": [
-        ("poses.txt", lines("{s:.3f} 0 0 0.5 0 0 0 1")),
-        ("poses.csv", "t,tx,ty,tz,qx,qy,qz,qw\n" + lines("{s:.3f},0,0,0.5,0,0,0,1")),
-    ],
+    "trajectory": [(f"{name}.txt", files.TRAJECTORIES[name]) for name in ("tum without a header", "named")],
 }
 # A table of four or eight numbers without a header may be a trajectory.
-LIKE = [("x_gyro.csv", "trajectory"), ("image_info.txt", "trajectory")]
+LIKE = [("opencamera gyro.csv", "trajectory"), ("image-info.csv", "trajectory")]
 EXCHANGED = [
     (kind, name, content, reader)
     for kind, files in FILES.items()
@@ -102,24 +79,22 @@ def test_the_right_reader_takes_each_file(tmp_path: Path, kind: str, name: str, 
     READERS[kind](path)
 
 
-@pytest.mark.parametrize("reader", ["gyro log", "capture file", "trajectory"])
-@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.tif", "a.webp", "a.heic"])
-def test_pictures_are_named(tmp_path: Path, reader: str, name: str) -> None:
-    path = tmp_path / name
-    if name == "a.heic":
-        path.write_bytes(b"\0\0\0\x18ftypheic" + bytes(64))
-    else:
-        Image.new("RGB", (8, 8)).save(path)
-    with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a picture; {ADVICE['picture']}"):
-        READERS[reader](path)
+BINARY = {
+    "picture": [
+        *(("a.png", files.pngs()[0]), ("a.jpg", files.jpegs()[0]), ("a.tif", files.tiffs()[0])),
+        *(("a.webp", files.webps()[0]), ("a.heic", b"\0\0\0\x18ftypheic" + bytes(64))),
+    ],
+    "video": [("clip.mp4", b"\0\0\0\x18ftypmp42" + bytes(64))],
+}
 
 
-@pytest.mark.parametrize("reader", ["capture file", "trajectory", "picture"])
-def test_videos_are_named(tmp_path: Path, reader: str) -> None:
-    path = tmp_path / "clip.mp4"
-    path.write_bytes(b"\0\0\0\x18ftypmp42" + bytes(64))
-    with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a video; {ADVICE['video']}"):
-        READERS[reader](path)
+@pytest.mark.parametrize("reader", ["gyro log", "capture file", "trajectory", "picture"])
+@pytest.mark.parametrize("kind", BINARY)
+def test_pictures_and_videos_are_named(write: Callable[..., Path], reader: str, kind: str) -> None:
+    if reader != kind and (reader, kind) != ("gyro log", "video"):
+        for name, content in BINARY[kind]:
+            with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a {kind}; {ADVICE[kind]}"):
+                READERS[reader](write(content, name))
 
 
 @pytest.mark.parametrize("reader", ["capture file", "camera file", "trajectory", "picture"])
@@ -138,7 +113,7 @@ def test_archives_of_logger_apps_are_named(tmp_path: Path, reader: str) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("camchain.yaml", KALIBR, "format kalibr has no place .* rsdeblur camera import"),
+        ("camchain.yaml", files.CHAIN, "format kalibr has no place .* rsdeblur camera import"),
         FILES["gyro log"][0] + ("it looks like a gyro log",),
         ("camera.toml", "width = 320\n", "lacks height"),
     ],

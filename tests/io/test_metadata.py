@@ -7,26 +7,127 @@ import struct
 import zlib
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import _metadata, read_picture, write_picture
-from rsdeblur.io.picture_output import iptc_segment
+from rsdeblur.io.exif import Exif, block_of, renewed, tags_of, with_orientation
+from rsdeblur.io.picture_output import iptc_segment, picture_to_fill
 from rsdeblur.io.pictures import Picture
-from tests.hostile import packets
+from tests.hostile.packets import KEPT, LOST, with_thumbnail
 from tests.installed import needs
-from tests.io.test_exif_block import NOTES, OLD, block
 
 WIDTH, HEIGHT = 64, 48
-EXIF = block(">", OLD)
 # Record 2: keyword, caption.
 IPTC = b"\x1c\x02\x19\x00\x05shake\x1c\x02\x78\x00\x07caption"
-# A packet that is kept, and one that describes a gain map and a motion photo.
-KEPT, LOST = packets.PACKETS[4], packets.PACKETS[0]
+# The start of every C2PA manifest.
+MANIFEST = b"\0\0\0\x20jumb\0\0\0\x18jumdc2pa" + bytes(12)
+NOTES = b"MakerNote\0" + bytes(range(200))
+MAIN: dict[int, Any] = {271: "Maker", 274: 6, 315: "Jürgen Жуков 写真".encode()}
+CAMERA: dict[int, Any] = {
+    0x829A: IFDRational(1, 20),
+    0x9204: IFDRational(-1, 3),
+    0x9286: b"UNICODE\0" + "größer".encode("utf-16-le"),
+    0x927C: NOTES,
+    0x9101: b"\1\2\3\0",
+    0x920A: IFDRational(43, 10),
+    **{0xA002: WIDTH, 0xA003: HEIGHT},
+    **dict.fromkeys((0xA20E, 0xA20F), IFDRational(20, 3)),
+    0xA210: 4,
+    0xA434: "Objektiv für nah".encode(),
+}
+INTEROP: dict[int, Any] = {1: "R98", 2: b"0100"}
+GPS: dict[int, Any] = {1: "N", 2: (50.0, 4.0, 12.5)}
+
+
+def block(order: str = ">") -> bytes:
+    """Return an EXIF block; that in big-endian order has a thumbnail."""
+    exif = Image.Exif()
+    exif.endian = order
+    exif.update(MAIN)
+    exif.get_ifd(0x8769).update(CAMERA)
+    exif.get_ifd(0x8769)[0xA005] = dict(INTEROP)
+    exif.get_ifd(0x8825).update(GPS)
+    thumbnail = b"\xff\xd8the blurred thumbnail\xff\xd9".ljust(2000, b"t")
+    return with_thumbnail(exif.tobytes(), thumbnail) if order == ">" else exif.tobytes()
+
+
+def values(block: bytes | None) -> dict[Any, Any]:
+    """Return all values by tag as Pillow reads them, texts as bytes, those of the camera, the GPS and so on nested."""
+    exif = Image.Exif()
+    exif.load(block)
+    tables = {table: dict(exif.get_ifd(table)) for table in (0x8769, 0x8825, 0xA005)}
+    found: dict[Any, Any] = {tag: value for tag, value in exif.items() if tag not in tables}
+    for table in (found, *tables.values()):
+        table.pop(0xA005, None)
+        table.update({tag: value.encode("latin-1") for tag, value in table.items() if isinstance(value, str)})
+    return found | tables
+
+
+BLOCKS = pytest.mark.parametrize("exif", [block("<"), block()], ids=["little-endian", "big-endian"])
+
+
+@BLOCKS
+@pytest.mark.parametrize(
+    ("suffix", "dtype"),
+    [(".jpg", "uint8"), (".png", "uint8"), (".png", "uint16"), (".webp", "uint8"), (".tif", "uint8")],
+)
+def test_every_value_comes_through(tmp_path: Path, exif: bytes, suffix: str, dtype: str) -> None:
+    """Also through two files, of which one is a TIFF, and one that is filled in place."""
+    picture = Picture(np.zeros((HEIGHT, WIDTH, 3), dtype), exif)
+    for name in (f"a{suffix}", "b.tif", f"c{suffix}"):
+        with picture_to_fill(tmp_path / name, picture.pixels.shape, like=picture, in_place=name < "b") as out:
+            out[...] = 0
+        picture = read_picture(tmp_path / name, in_place=name > "b")
+        assert picture.pixels.dtype == dtype
+        assert values(picture.exif) == values(exif)
+
+
+@BLOCKS
+def test_sizes_are_those_of_the_new_picture(exif: bytes) -> None:
+    half = renewed(exif, WIDTH // 2, HEIGHT // 2, lambda _: None)
+    assert (values(half)[0x8769][0xA002], values(half)[0x8769][0xA003]) == (WIDTH // 2, HEIGHT // 2)
+    # The sensor stays as large, and so does the angle of view.
+    whole = Exif(exif).focal_px(WIDTH, HEIGHT)[0]
+    assert Exif(half).focal_px(WIDTH // 2, HEIGHT // 2)[0] == pytest.approx(whole / 2, rel=1e-3)
+    assert values(renewed(exif, 100_000, 300, lambda _: None))[0x8769][0xA002] == 100_000
+    # A thumbnail that does not fit is removed.
+    assert b"blurred thumbnail" not in half
+
+
+@pytest.mark.parametrize("exif", [block("<"), block(), None, b"", b"Exif\0\0nonsense"])
+@pytest.mark.parametrize("had_one", [False, True])
+def test_the_orientation_is_set_or_added(exif: bytes | None, had_one: bool) -> None:
+    is_valid = exif is not None and len(exif) > 20
+    if is_valid and not had_one:
+        exif = block_of({tag: value for tag, value in tags_of(exif or b"").items() if tag != 274})
+    expected = values(exif) if is_valid else {}
+    found = values(with_orientation(exif, 8))
+    assert {tag: value for tag, value in found.items() if value} == expected | {274: 8}
+
+
+@settings(max_examples=100, deadline=None, derandomize=True, database=None)
+@given(data=st.data())
+def test_no_damage_raises_anything_else(data: st.DataObject) -> None:
+    exif = bytearray(block(data.draw(st.sampled_from("<>"))))
+    for _ in range(data.draw(st.integers(1, 8))):
+        exif[data.draw(st.integers(6, len(exif) - 1))] = data.draw(st.sampled_from([0, 1, 4, 5, 8, 13, 127, 255]))
+    damaged = bytes(exif[: data.draw(st.integers(6, len(exif)))])
+    assert len(renewed(damaged, 40, 30, lambda most: b"x" * most)) == len(damaged)
+    assert with_orientation(damaged, 3)
+    try:
+        tags = tags_of(damaged)
+    except (ValueError, LookupError, struct.error):
+        return
+    assert tags_of(block_of(tags)) == tags
 
 
 def segment(marker: int, body: bytes) -> bytes:
@@ -40,42 +141,33 @@ def chunk(name: bytes, body: bytes) -> bytes:
 def photo(tmp_path: Path, kind: str) -> Path:
     """Write a photo of a kind, and give it an old date."""
     pixels = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3)).astype(np.uint8)
-    image, buffer = Image.fromarray(pixels), BytesIO()
-    suffix = {"phone": ".jpg", "drone": ".jpg", "tiff": ".tif", "png": ".png", "webp": ".webp", "heic": ".heic"}[kind]
-    xmp = LOST if kind in ("phone", "heic") else KEPT
-    if suffix == ".jpg":
+    image, buffer, exif = Image.fromarray(pixels), BytesIO(), block()
+    xmp = LOST if kind in ("phone.jpg", "a.heic") else KEPT
+    if kind == "phone.jpg":
         # MPO is a JPEG with further pictures behind it, as phones store gain maps.
-        behind = {"save_all": True, "append_images": [image.convert("L")]} if kind == "phone" else {}
-        image.save(buffer, "MPO" if behind else "JPEG", exif=EXIF, xmp=xmp, quality=95, **behind)
-        data = buffer.getvalue()
-        if kind == "phone":
-            # In front of the first segment, so that the places of the pictures behind stay true.
-            manifest = segment(0xEB, b"JP\0\1\0\0\0\1\0\0\0\x20jumb\0\0\0\x18jumdc2pa" + bytes(12))
-            data = data[:2] + manifest + data[2:]
-        else:
-            data = data[:2] + iptc_segment(IPTC) + data[2:]
-    elif suffix == ".tif":
+        image.save(buffer, "MPO", exif=exif, xmp=xmp, save_all=True, append_images=[image.convert("L")])
+        # In front of the first segment, so that the places of the pictures behind stay true.
+        data = b"\xff\xd8" + segment(0xEB, b"JP\0\1\0\0\0\1" + MANIFEST) + buffer.getvalue()[2:]
+    elif kind == "drone.jpg":
+        image.save(buffer, "JPEG", exif=exif, xmp=xmp, quality=95)
+        data = b"\xff\xd8" + iptc_segment(IPTC) + buffer.getvalue()[2:]
+    elif kind == "a.tif":
         tags = [(700, 1, len(xmp), xmp, True), (33723, 7, len(IPTC), IPTC, True), (0xCD41, 7, 4, b"c2pa", True)]
         tifffile.imwrite(buffer, pixels.astype(np.uint16) * 257, photometric="rgb", extratags=tags, metadata=None)
         data = buffer.getvalue()
-    elif suffix == ".png":
-        image.save(buffer, "PNG", exif=EXIF)
-        data = buffer.getvalue()
+    elif kind == "a.png":
+        image.save(buffer, "PNG", exif=exif)
         text = chunk(b"iTXt", b"XML:com.adobe.xmp" + bytes(5) + xmp)
         text += chunk(b"zTXt", b"Raw profile type iptc\0\0" + zlib.compress(_metadata.png_iptc(IPTC)))
-        data = data[:33] + text + chunk(b"caBX", b"c2pa") + data[33:]
-    elif suffix == ".webp":
-        image.save(buffer, "WebP", lossless=True, exif=EXIF, xmp=xmp)
-        data = buffer.getvalue() + b"C2PA" + struct.pack("<I", 4) + b"jumb"
+        data = buffer.getvalue()[:33] + text + chunk(b"caBX", MANIFEST) + buffer.getvalue()[33:]
+    elif kind == "a.webp":
+        image.save(buffer, "WebP", lossless=True, exif=exif, xmp=xmp)
+        data = buffer.getvalue() + b"C2PA" + struct.pack("<I", len(MANIFEST)) + MANIFEST
         data = data[:4] + struct.pack("<I", len(data) - 8) + data[8:]
     else:
-        heif = needs("heif")
-        try:
-            heif.from_pillow(image).save(buffer, exif=EXIF, xmp=xmp, quality=90)
-        except RuntimeError:
-            pytest.skip("pillow-heif has no encoder here")
+        needs("heif").from_pillow(image).save(buffer, exif=exif, xmp=xmp, quality=90)
         data = buffer.getvalue()
-    path = tmp_path / f"{kind}{suffix}"
+    path = tmp_path / kind
     path.write_bytes(data)
     os.utime(path, ns=(1_500_000_000 * 10**9, 1_500_000_000 * 10**9))
     return path
@@ -91,57 +183,42 @@ def copied(path: Path, suffix: str, tmp_path: Path) -> tuple[Picture, Picture]:
 
 @pytest.mark.filterwarnings("ignore:left out of the result")
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif", ".webp"])
-@pytest.mark.parametrize("kind", ["drone", "png", "webp"])
+@pytest.mark.parametrize("kind", ["drone.jpg", "a.png", "a.webp"])
 def test_blocks_come_through(tmp_path: Path, kind: str, suffix: str) -> None:
     before, after = copied(photo(tmp_path, kind), suffix, tmp_path)
-    assert before.xmp is not None
-    assert after.xmp is not None
-    assert after.xmp == before.xmp
-    assert before.iptc == (None if kind == "webp" else IPTC)
+    assert after.xmp == before.xmp == KEPT
+    assert before.iptc == (None if kind == "a.webp" else IPTC)
     assert after.iptc == (None if suffix == ".webp" else before.iptc)
     assert after.modified_ns == before.modified_ns == 1_500_000_000 * 10**9
-
-
-@pytest.mark.filterwarnings("ignore:left out of the result")
-@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp"])
-def test_the_thumbnail_shows_the_result(tmp_path: Path, suffix: str) -> None:
-    before, after = copied(photo(tmp_path, "drone"), suffix, tmp_path)
-    assert before.exif is not None
-    assert after.exif is not None
-    # The maker's notes stay at their place, to which they may point.
-    assert after.exif.index(NOTES) == before.exif.index(NOTES)
-    start = after.exif.index(b"\xff\xd8\xff")
-    with Image.open(BytesIO(after.exif[start:])) as thumbnail:
-        assert thumbnail.size == (WIDTH, HEIGHT)
-        assert np.abs(np.asarray(thumbnail.convert("L")).astype(int) - 200).max() <= 2
+    if suffix != ".tif":
+        assert before.exif is not None
+        assert after.exif is not None
+        # The maker's notes stay at their place, to which they may point.
+        assert after.exif.index(NOTES) == before.exif.index(NOTES)
+        with Image.open(BytesIO(after.exif[after.exif.index(b"\xff\xd8\xff") :])) as thumbnail:
+            assert thumbnail.size == (WIDTH, HEIGHT)
+            # It shows the result.
+            assert np.abs(np.asarray(thumbnail.convert("L")).astype(int) - 200).max() <= 2
 
 
 @pytest.mark.parametrize(
     ("kind", "lost"),
     [
-        ("phone", ("C2PA", "gain map", "motion photo")),
-        ("tiff", ("C2PA",)),
-        ("png", ("C2PA",)),
-        ("webp", ("C2PA",)),
-        ("heic", ("gain map", "motion photo")),
+        ("phone.jpg", ("C2PA", "gain map", "motion photo", "XMP packet, which describes parts")),
+        ("a.heic", ("gain map", "motion photo", "XMP packet, which describes parts")),
+        *((name, ("C2PA",)) for name in ("a.tif", "a.png", "a.webp")),
     ],
 )
 def test_parts_of_the_original_are_left_out_with_a_message(tmp_path: Path, kind: str, lost: tuple[str, ...]) -> None:
-    path = photo(tmp_path, kind)
     with pytest.warns(RsdeblurWarning, match="left out of the result") as caught:
-        _, after = copied(path, ".jpg", tmp_path)
+        before, after = copied(photo(tmp_path, kind), ".jpg", tmp_path)
     assert len(caught) == 1
     for word in lost:
         assert word in str(caught[0].message)
     assert after.losses == ()
-    assert b"c2pa" not in (tmp_path / "copy.jpg").read_bytes()
-    assert b"MPF" not in (tmp_path / "copy.jpg").read_bytes()
-
-
-def test_packets_that_describe_lost_parts_are_named(tmp_path: Path) -> None:
-    with pytest.warns(RsdeblurWarning, match="XMP packet, which describes parts"):
-        _, after = copied(photo(tmp_path, "phone"), ".jpg", tmp_path)
-    assert after.xmp is None
+    assert after.xmp == (None if before.xmp == LOST else before.xmp)
+    for mark in (b"c2pa", b"MPF"):
+        assert mark not in (tmp_path / "copy.jpg").read_bytes()
 
 
 @pytest.mark.parametrize(

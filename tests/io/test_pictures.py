@@ -20,6 +20,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 from rsdeblur.errors import FileFormatError, InputError, OutputError
 from rsdeblur.io import Picture, check_writable, pictures, read_picture, write_picture
 from rsdeblur.io.picture_output import picture_to_fill
+from tests._util.files import npy, tiff
 
 RGB_PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 # It has the header fields of a real grey profile; nothing here reads more.
@@ -35,18 +36,6 @@ def random_pixels(dtype: str, *shape: int) -> np.ndarray[Any, Any]:
 def encoded(image: Image.Image, kind: str, **options: Any) -> bytes:
     buffer = BytesIO()
     image.save(buffer, kind, **options)
-    return buffer.getvalue()
-
-
-def tiff(pixels: np.ndarray[Any, Any], **options: Any) -> bytes:
-    buffer = BytesIO()
-    tifffile.imwrite(buffer, pixels, **options)
-    return buffer.getvalue()
-
-
-def npy(pixels: np.ndarray[Any, Any]) -> bytes:
-    buffer = BytesIO()
-    np.save(buffer, pixels)
     return buffer.getvalue()
 
 
@@ -160,11 +149,6 @@ def test_depth_is_what_is_asked_for_or_the_next_lower_one(
     given = Picture(np.zeros(1, like)) if like else None
     write_picture(path, np.zeros((4, 4), pixels), like=given, bits=bits)
     assert read_picture(path).pixels.dtype == expected
-
-
-def test_a_format_cannot_hold_more_bits(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"picture\.jpg: JPEG cannot hold 16 bits"):
-        write_picture(tmp_path / "picture.jpg", np.zeros((4, 4)), bits=16)
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
@@ -285,6 +269,10 @@ DAMAGED = {
         tiff(np.zeros((6, 16, 16), np.uint8), photometric="minisblack", volumetric=True, tile=(1, 16, 16)),
         "TIFF with 1 samples",
     ),
+    "premultiplied": (
+        tiff(np.zeros((3, 4, 4), np.uint8), photometric="rgb", extrasamples=["assocalpha"]),
+        "plain alpha",
+    ),
     "array of five channels": (npy(np.zeros((2, 2, 5), np.uint8)), "shape"),
     "empty array": (npy(np.zeros((0, 2), np.uint8)), "shape"),
     "doubles": (npy(np.zeros((2, 2))), "float64"),
@@ -377,25 +365,19 @@ def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monke
         check_writable(tmp_path / "picture.png", force=True)
 
 
-def test_what_a_format_cannot_hold_is_an_output_error(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"wide\.webp: cannot write 17000x1 pixels as WebP"):
-        write_picture(tmp_path / "wide.webp", np.zeros((1, 17_000)))
+@pytest.mark.parametrize(
+    ("name", "shape", "bits", "message"),
+    [
+        ("wide.webp", (1, 17_000), None, "cannot write 17000x1 pixels as WebP"),
+        ("a.jpg", (4, 4), 16, "JPEG cannot hold 16 bits"),
+    ],
+)
+def test_what_a_format_cannot_hold_is_an_output_error(
+    tmp_path: Path, name: str, shape: tuple[int, int], bits: int | None, message: str
+) -> None:
+    with pytest.raises(OutputError, match=f"{name}: {message}"):
+        write_picture(tmp_path / name, np.zeros(shape), bits=bits)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
-def test_premultiplied_colours_are_divided_by_alpha(tmp_path: Path, dtype: str) -> None:
-    full = 1 if dtype == "float32" else np.iinfo(dtype).max
-    straight = np.array([[[0.2, 0.4, 0.8, 0.5], [0.2, 0.4, 0.8, 1.0], [0.0, 0.0, 0.0, 0.0]]]) * full
-    stored = straight * [[[0.5, 0.5, 0.5, 1.0], [1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0]]]
-    data = tiff(stored.astype(dtype), photometric="rgb", extrasamples=["assocalpha"])
-    path = tmp_path / "a.tif"
-    path.write_bytes(data)
-    for in_place in (False, True):
-        pixels = read_picture(path, in_place=in_place).pixels
-        # Half of a level is two levels, as the stored values are cut to whole ones.
-        np.testing.assert_allclose(pixels, straight, atol=2e-7 if full == 1 else 2)
-        assert pixels.dtype == dtype
 
 
 def test_solvers_overshoot_white_and_light_has_no_end(tmp_path: Path) -> None:

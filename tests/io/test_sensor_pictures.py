@@ -14,7 +14,7 @@ from rsdeblur.errors import FileFormatError
 from rsdeblur.io import read_picture, write_picture
 from rsdeblur.io._metadata import linear_profile
 from rsdeblur.io.exif import Exif
-from tests.hostile import seeds
+from tests._util import files as seeds
 from tests.installed import needs
 
 HEIGHT, WIDTH = 40, 64

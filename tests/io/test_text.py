@@ -109,4 +109,3 @@ def test_lines_are_those_of_the_text(end: str, encoding: str) -> None:
     parsed = TextFile.parse(Path("log.csv"), end.join(lines).encode(encoding), "log")
     assert parsed.lines == lines
     assert parsed.rows.tolist() == [i for i, line in enumerate(lines) if line.strip() and line.strip()[0] != "#"]
-    assert list(parsed.filled()) == [parsed.lines[row] for row in parsed.rows]

@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io import Picture, read_gyro, read_picture, untrusted, write_picture
+from rsdeblur.io import Picture, read_gyro, read_picture, write_picture
+from rsdeblur.io.source import BLOCK_UNTRUSTED
 
 PIXELS = (np.arange(12 * 20 * 3) % 251).reshape(12, 20, 3).astype(np.uint8)
 VIDEO = b"\0\0\0\x18ftypmp42\0\0\0\0" + bytes(64)
@@ -20,7 +21,7 @@ VIDEO = b"\0\0\0\x18ftypmp42\0\0\0\0" + bytes(64)
 @pytest.fixture
 def refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Switch the decoders off, and make every use of them an error."""
-    monkeypatch.setenv(untrusted.VARIABLE, "1")
+    monkeypatch.setenv(BLOCK_UNTRUSTED, "1")
     for name in ("tifffile.TiffFile", "imagecodecs.png_decode"):
         monkeypatch.setattr(name, lambda *arguments, **options: pytest.fail("the decoder was called"))
     monkeypatch.setitem(sys.modules, "telemetry_parser", None)
@@ -37,24 +38,22 @@ def test_pictures_are_refused_and_the_variable_is_named(
     write_picture(path, pixels, like=Picture(pixels))
     request.getfixturevalue("refused")
     for in_place in (False, True):
-        with pytest.raises(FileFormatError, match=rf"{name}.*no public fuzzing covers.*{untrusted.VARIABLE}"):
+        with pytest.raises(FileFormatError, match=rf"{name}.*no public fuzzing covers.*{BLOCK_UNTRUSTED}"):
             read_picture(path, in_place=in_place)
 
 
 def test_videos_are_refused_and_the_variable_is_named(tmp_path: Path, refused: None) -> None:
     path = tmp_path / "a.mp4"
     path.write_bytes(VIDEO)
-    with pytest.raises(FileFormatError, match=rf"a.mp4.*telemetry-parser.*{untrusted.VARIABLE}"):
+    with pytest.raises(FileFormatError, match=rf"a.mp4.*telemetry-parser.*{BLOCK_UNTRUSTED}"):
         read_gyro(path)
 
 
-@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.webp", "a.npy"])
-def test_other_pictures_are_read(tmp_path: Path, name: str, refused: None) -> None:
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.webp", "a.npy", "a.tif"])
+def test_other_pictures_are_read(
+    tmp_path: Path, name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_picture(tmp_path / name, PIXELS)
+    # Zero switches nothing off.
+    monkeypatch.setenv(BLOCK_UNTRUSTED, "0") if name == "a.tif" else request.getfixturevalue("refused")
     assert read_picture(tmp_path / name).pixels.shape == PIXELS.shape
-
-
-def test_zero_switches_nothing_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(untrusted.VARIABLE, "0")
-    write_picture(tmp_path / "a.tif", PIXELS)
-    assert (read_picture(tmp_path / "a.tif").pixels == PIXELS).all()
