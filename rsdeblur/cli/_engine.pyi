@@ -41,7 +41,6 @@ from rsdeblur.io import read_captures as read_captures
 from rsdeblur.io import read_depths as read_depths
 from rsdeblur.io import read_gyro as read_gyro
 from rsdeblur.io import read_trajectory as read_trajectory
-from rsdeblur.io.source import is_archive as is_archive
 from rsdeblur.io.arrays import read_psfs as read_psfs
 from rsdeblur.io.camera_file import Assumption as Assumption
 from rsdeblur.io.camera_file import CameraFile as CameraFile
@@ -50,8 +49,8 @@ from rsdeblur.io.cameras import detect_camera_format as detect_camera_format
 from rsdeblur.io.cameras import write_time_offset as write_time_offset
 from rsdeblur.io.captures import FORMATS as FORMATS
 from rsdeblur.io.captures import WHAT as WHAT
-from rsdeblur.io.captures import open_captures as open_captures
 from rsdeblur.io.captures import is_clocks as is_clocks
+from rsdeblur.io.captures import open_captures as open_captures
 from rsdeblur.io.captures import read_clocks as read_clocks
 from rsdeblur.io.exif import EXIF_ERROR as EXIF_ERROR
 from rsdeblur.io.exif import FILM_DIAGONAL as FILM_DIAGONAL
@@ -82,6 +81,7 @@ from rsdeblur.io.sessions import indices_of as indices_of
 from rsdeblur.io.sessions import open_session as open_session
 from rsdeblur.io.sessions import photos_in as photos_in
 from rsdeblur.io.source import Source as Source
+from rsdeblur.io.source import is_archive as is_archive
 from rsdeblur.io.source import mistaken as mistaken
 from rsdeblur.motion.acceleration import AccelerationLog as AccelerationLog
 from rsdeblur.motion.axes import PRESETS as PRESETS
