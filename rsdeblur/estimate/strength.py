@@ -45,6 +45,8 @@ FINE_NOISE = 4.0
 # radii up to 24 px, pixel-sharp and soft, noise of 30 to 50 dB, with a right model, a wrong one, and processed as by a
 # phone.
 ABSORBED = 2.5
+# The same for kernels that are given, which count as exact: most of what looks like an error of theirs is noise.
+ABSORBED_BY_EXACT = 1.5
 # Error of the paths in px, where the picture is too small to measure it.
 PATH_ERROR = ABSORBED * ASSUMED
 # Largest error of the paths as a share of the PSF's radius, where that is more than `PATH_ERROR`. In a photo that is
@@ -154,7 +156,8 @@ class Tuning:
             share = max(share, bank.size[0] / light.shape[0])
         radius = _radius(bank)
         most = max(MOST_PATH_ERROR_SHARE * radius, min(PATH_ERROR, MOST_OF_SPREAD * _spread(bank)))
-        path_error = min(ABSORBED**2 * floors.path_error, most**2)
+        absorbed = ABSORBED_BY_EXACT if bank.displacements is None else ABSORBED
+        path_error = min(absorbed**2 * floors.path_error, most**2)
         border_error = 0.0 if repeats else share**2 / 4
         return cls(octave_noise, energy, radius, border_error, spectra, path_error, light.shape[2])
 
