@@ -17,11 +17,11 @@ DERIVATIVE_PRIORS: tuple[Prior, ...] = ("gradient", "tv", "hyper-laplacian")
 # Module and function of the denoisers; another one needs its file, its name above and a row here.
 DENOISERS: dict[str, tuple[str, str]] = {"cnn": ("rsdeblur.deconv.cnn", "cnn_denoise")}
 
-# Sets mode and prior together, unless they are set themselves.
+# Sets mode and prior together, unless they are set themselves. The mode "auto" is chosen by the motion.
 Quality = Literal["fast", "balanced", "best"]
-QUALITIES: dict[Quality, tuple[Mode, Prior]] = {
+QUALITIES: dict[Quality, tuple[Mode | Literal["auto"], Prior]] = {
     "fast": ("banded", "wiener"),
-    "balanced": ("banded", "hyper-laplacian"),
+    "balanced": ("auto", "hyper-laplacian"),
     "best": ("rowwise", "hyper-laplacian"),
 }
 

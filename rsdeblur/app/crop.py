@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur.choices import Mode
 from rsdeblur.image.encoded import reduced
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.camera import Camera
@@ -23,13 +24,14 @@ from rsdeblur.psf import PsfBank
 class Basis(NamedTuple):
     """Decisions that the whole picture makes for its crops.
 
-    These are the strengths of the solution, and in px of the upright frame the height and width of a tile and of the
-    kernels.
+    These are the strengths of the solution, in px of the upright frame the height and width of a tile and of the
+    kernels, and the mode.
     """
 
     strengths: Strengths
     tile: tuple[float, float]
     psf: tuple[int, int]
+    mode: Mode
 
     @property
     def strength(self) -> tuple[str, float]:
@@ -81,7 +83,8 @@ def derive_basis(pixels: NDArray[Any], log: GyroLog, camera: Camera, exposure: E
     assert prepared.strengths is not None
     assert prepared.bank is not None
     upright, bank = prepared.capture.camera, prepared.bank
-    return Basis(prepared.strengths, (upright.height / len(bank.rows), upright.width / len(bank.cols)), bank.size)
+    tile = upright.height / len(bank.rows), upright.width / len(bank.cols)
+    return Basis(prepared.strengths, tile, bank.size, prepared.options.mode_in_effect)
 
 
 def solve_crop(
@@ -101,6 +104,7 @@ def solve_crop(
     `scale` below 1 the crop is solved at a smaller size: a half takes a quarter of the time or less. The places of the
     PSFs count from the crop's corner in px of the whole picture; the check covers the surroundings too.
     """
+    options = replace(options, mode=basis.mode)
     # As far as the blur reaches, within bounds.
     outer = crop.padded(int(np.clip(max(basis.psf) // 2, 16, 64)), camera)
     part, lens = outer.cut(pixels), camera.cropped(*outer)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -30,14 +30,11 @@ from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import judged, split_highlights
-from rsdeblur.pipeline.tiles import tile_error
+from rsdeblur.pipeline.tiles import with_mode
 from rsdeblur.types import Float32Array, Progress
 
 # Most frames of a burst.
 MOST_FRAMES = 64
-# Mean square of the path errors of tiles in any frame, px^2, from which on rows are solved with their own PSFs: tiles
-# then make most of the error of a burst.
-MOST_TILE_ERROR = 0.1
 
 
 @one_line()
@@ -143,8 +140,8 @@ def deblur_burst(
         Index of the frame whose pose the result has; "auto" takes the frame that alone promises the least error, among
         those that most others agree with.
     mode : {"auto", "global", "banded", "rowwise"}
-        See :func:`rsdeblur.deblur`. "auto" is the mode of `quality`; with the balanced one and automatic bands, that is
-        "rowwise" where the paths of any frame change so much over its blur that tiles are wrong by more than 0.3 px.
+        See :func:`rsdeblur.deblur`. "auto" is the mode of `quality`; where the motion chooses it, that of the frame
+        that tiles suit least counts.
     out : ndarray, optional
         Receives the result, see :func:`rsdeblur.deblur`.
     progress : callable, optional
@@ -200,8 +197,7 @@ def deblur_burst(
         raise InputError("out must not overlap images")
     out, upright = result_like(images[0], out, frame)
     captures = _captures(log, frame, exposures, chosen)
-    if mode == "auto":
-        chosen = replace(chosen, mode=_suited_mode(chosen, captures))
+    chosen = with_mode(chosen, captures)
     splits = split_highlights(encoded, chosen, captures, clock)
     with clock.stage("tune"):
         tunings = measured(splits, captures, chosen)
@@ -228,6 +224,7 @@ def deblur_burst(
             timings=clock.timings,
             check=check,
             noise=strengths.noise,
+            mode=chosen.mode_in_effect,
         ),
         burst.index,
         tuple(_use(burst, n, shares.get(n, 0.0), frame) for n in range(len(images))),
@@ -284,12 +281,6 @@ def check_burst(
             raise InputError(f"frame {n} has shape {np.shape(image)}, frame 0 has {np.shape(images[0])}")
     if options.border == "unknown":
         raise InputError('a burst cannot be deblurred with border="unknown"; leave it out')
-
-
-def _suited_mode(options: Options, captures: Iterable[Capture]) -> Mode:
-    """Return the mode of the quality, or "rowwise" where tiles cannot follow the blur of every frame."""
-    may_differ = options.quality == "balanced" and options.bands == "auto"
-    return "rowwise" if may_differ and max(map(tile_error, captures)) > MOST_TILE_ERROR else options.mode_in_effect
 
 
 def _use(burst: AlignedBurst, index: int, share: float, frame: ReadoutFrame) -> FrameUse:

@@ -27,7 +27,7 @@ from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import Chunk, PictureSolver, Strengths
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import solve_chunks, tuned_strengths
-from rsdeblur.pipeline.tiles import tile_error, tile_paths
+from rsdeblur.pipeline.tiles import tile_errors, tile_paths
 from rsdeblur.psf import PsfBank, size_of, tile_centres
 from rsdeblur.types import FloatArray, FloatImage, StageProgress
 
@@ -63,7 +63,7 @@ class BurstSolution:
         spectra = [BlurSpectra.of(bank, one_filter=options.has_one_psf) for bank in few]
         tunings = [replace(frame.tuning, spectra=of) for frame, of in zip(frames, spectra, strict=True)]
         in_tiles = mode == "banded" and not options.has_one_psf
-        errors = [tile_error(frame.alignment.capture) if in_tiles else 0.0 for frame in frames]
+        errors = [sum(tile_errors(frame.alignment.capture)) if in_tiles else 0.0 for frame in frames]
         tuning, shares = combined(tunings, tile_errors=errors)
         peak = brightness(burst.reference.split.remainder(slice(None), 4))
         strengths = tuned_strengths(tuning, options, peak)

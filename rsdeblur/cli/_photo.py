@@ -71,14 +71,14 @@ class Prepared:
         options = options or self.options
         return rs.plan_for(picture.pixels, log, camera, exposure, options, known_axes=known, progress=move)
 
-    def kernels(self) -> tuple[rs.PsfBank, rs.BlurPaths]:
-        """Return the PSFs of the recording as the files give it, and their paths."""
+    def kernels(self) -> tuple[rs.PsfBank, rs.BlurPaths, Mode]:
+        """Return the PSFs of the recording as the files give it, their paths, and the mode."""
         nsr = self.options.nsr
         _, log, camera, exposure = self.inputs
         with self.naming:
             planned = rs.plan(log, camera, exposure, replace(self.options, refine=False))
             paths = planned.tile_paths(rs.NSR if nsr == "auto" else nsr)
-            return planned.frame.bank(rs.PsfBank.from_paths(paths)), paths
+            return planned.frame.bank(rs.PsfBank.from_paths(paths)), paths, planned.options.mode_in_effect
 
 
 def prepare(
@@ -167,14 +167,14 @@ def deblur_photo(job: PhotoJob, move: rs.Progress | None = None) -> dict[str, An
         with ready.naming:
             rs.check_size(ready.inputs.picture.pixels.shape, ready.inputs.camera)
         # As much as possible is checked without solving.
-        bank, _ = ready.kernels()
-        return _planned(job, bank, job.options.mode_in_effect, ready.inputs.picture)
+        bank, _, mode = ready.kernels()
+        return _planned(job, bank, mode, ready.inputs.picture)
 
     def solve(out: Any) -> rs.DeblurResult:
         with ready.naming:
             return ready.plan(move).apply(ready.inputs.picture.pixels, out=out, progress=move)
 
-    facts = _written(job, ready.inputs.picture, job.options.mode_in_effect, solve)
+    facts = _written(job, ready.inputs.picture, solve)
     return facts | moment_facts(job.recording, ready.inputs)
 
 
@@ -192,7 +192,7 @@ def _deconvolve(job: PhotoJob, psf: Path, move: rs.Progress | None) -> dict[str,
         with naming(job.photo):
             return rs.deconvolve_with(options, picture.pixels, bank, out=out, progress=move)
 
-    return _written(job, picture, rs.mode_of(bank), solve)
+    return _written(job, picture, solve)
 
 
 def _prepare_result(job: PhotoJob) -> None:
@@ -217,7 +217,7 @@ def _planned(job: PhotoJob, bank: rs.PsfBank, mode: Mode, picture: rs.Picture) -
     }
 
 
-def _written(job: PhotoJob, picture: rs.Picture, mode: Mode, solve: Any) -> dict[str, Any]:
+def _written(job: PhotoJob, picture: rs.Picture, solve: Any) -> dict[str, Any]:
     """Solve and write a picture, and return the facts to report."""
     in_place = job.options.max_memory is not None
     # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
@@ -226,14 +226,15 @@ def _written(job: PhotoJob, picture: rs.Picture, mode: Mode, solve: Any) -> dict
         rs.picture_to_fill(job.output, picture.pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
     ):
         result = solve(out)
-    return facts_of(result, job.output, mode, job.options.prior_name, watch[0])
+    return facts_of(result, job.output, job.options.prior_name, watch[0])
 
 
-def facts_of(result: rs.DeblurResult, output: Path, mode: Mode, prior: str, seconds: float) -> dict[str, Any]:
+def facts_of(result: rs.DeblurResult, output: Path, prior: str, seconds: float) -> dict[str, Any]:
     """Return the facts to report about a written result."""
     return {
         "output": str(output),
-        "mode": mode,
+        "mode": result.mode,
+        "tile_error_px": result.tile_error,
         "psf_px": list(result.psfs.size[::-1]),
         "prior": prior,
         **{name: getattr(result, name) for name in ("bands", "strips", "nsr", "weight", "noise", "chroma", "timings")},
@@ -251,8 +252,11 @@ def summary(facts: Mapping[str, Any]) -> str:
     check = facts["check"]
     verdict = "" if check is None else f"; {check['verdict']}"
     blended = ", blended towards the photo" if check and check["blended"] else ""
+    error = facts.get("tile_error_px")
+    because = f" (tiles would err by {error:.2f} px)" if facts["mode"] == "rowwise" and error is not None else ""
     return (
-        f"{facts['mode']}, {facts['bands']} x {facts['strips']} PSFs ({tiles} x strips) of {wide} x {tall} px, "
+        f"{facts['mode']}{because}, "
+        f"{facts['bands']} x {facts['strips']} PSFs ({tiles} x strips) of {wide} x {tall} px, "
         f"{facts['prior']}, {strength}, {facts['seconds']:.2f} s{verdict}{blended}"
     )
 

@@ -216,7 +216,7 @@ def _facts(result: rs.BurstResult, frames: list[int], output: Path, options: Opt
         {"frame": number} | {m.name: getattr(use, m.name) for m in fields(use) if m.name != "weights"}
         for number, use in zip(frames, result.frames, strict=True)
     ]
-    facts = facts_of(result.result, output, result.mode, options.prior_name, seconds)
+    facts = facts_of(result.result, output, options.prior_name, seconds)
     if result.refinement is not None:
         facts["refinement"] = refinement_facts(result.refinement)
     return facts | {"reference": frames[result.reference], "frames": used}

@@ -157,7 +157,7 @@ def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options]
         memory = peak_memory_mib()
         rs.write_picture(target.output / name, result.image, like=picture, force=target.force)
         compared.shown[mode], banks[mode] = display_values(result.image, compared.transfer), result.psfs
-        facts = facts_of(result, target.output / name, mode, chosen.prior_name, watch[0])
+        facts = facts_of(result, target.output / name, chosen.prior_name, watch[0])
         compared.report["modes"][mode] = facts | {"peak_memory_mib": memory}
         unseen = 1.0 - float(result.coverage.mean())
     return compared._replace(banks=banks, unseen=unseen, recorded=recorded)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -38,10 +39,11 @@ def command(recording: Recording, options: Options, photo: Path | None, bank: Pa
         rs.check_writable(output, force=target.force)
     if bank is not None:
         check_output(bank, force=target.force, suffixes=(".npz",), kind="a bank of kernels is an NPZ file")
-    ready = prepare(photo, recording, options)
+    # Those of tiles, where the motion would choose rows.
+    ready = prepare(photo, recording, replace(options, mode=options.mode_in_effect))
     picture, _, camera, _ = ready.inputs
     with progress("psf"):
-        kernels, paths = ready.kernels()
+        kernels, paths, _ = ready.kernels()
         if output is not None:
             with ready.naming:
                 under = None if photo is None else display_values(picture.pixels, transfer_of(picture, "auto"))

@@ -127,6 +127,22 @@ def halved(bank: PsfBank, *, threads: int | None) -> PsfBank:
     return PsfBank.from_paths(half, threads=threads).padded(_half_size(bank.size))
 
 
+def halved_rows(paths: BlurPaths) -> BlurPaths:
+    """Return the paths of every row of a picture at half its size, in half as many strips.
+
+    Parameters
+    ----------
+    paths : BlurPaths
+        Paths of every row of the picture.
+    """
+    cols, across = _merged(paths.cols)
+    first, second = paths.displacements[::2], paths.displacements[1::2]
+    if len(second) < len(first):
+        second = np.concatenate([second, first[-1:]])
+    pairs = np.einsum("sj,bjtk->bstk", across, first + second)
+    return BlurPaths(pairs / 4, np.arange(float(len(pairs))), (cols - 0.5) / 2, paths.softness / 2)
+
+
 def _half_size(size: tuple[int, int]) -> tuple[int, int]:
     """Return the size of kernels of half the length, px."""
     height, width = (2 * (n // 2 // 2 + 1) + 1 for n in size)

@@ -45,7 +45,7 @@ def deblur(
     exposure: Exposure,
     *,
     quality: Quality = "balanced",
-    mode: Mode | None = None,
+    mode: Mode | Auto | None = None,
     bands: Count = "auto",
     strips: Count = "auto",
     prior: Prior | Denoiser | None = None,
@@ -85,11 +85,13 @@ def deblur(
     log, camera, exposure
         The motion, the camera, and when the picture was exposed and for how long.
     quality : {"balanced", "fast", "best"}
-        Mode and prior, where they are not given: "banded" with "hyper-laplacian", "banded" with "wiener", which is
+        Mode and prior, where they are not given: "auto" with "hyper-laplacian", "banded" with "wiener", which is
         the published filter in tiles, with less noise because of its `chroma`, or "rowwise" with "hyper-laplacian".
-    mode : {"banded", "global", "rowwise"}, optional
-        One PSF per tile; one for the whole picture (Sindelar and Sroubek 2013); or one per row, solved exactly. By
-        default that of `quality`.
+    mode : {"auto", "banded", "global", "rowwise"}, optional
+        One PSF per tile; one for the whole picture (Sindelar and Sroubek 2013); or one per row, solved exactly. "auto"
+        is "rowwise" where the blur changes so much within its own height that tiles err by more than 0.1 px
+        (:attr:`DeblurResult.tile_error`), and "banded" elsewhere, with a number of `bands`, and with
+        ``border="unknown"``. By default that of `quality`.
     bands, strips : int or "auto"
         Number of tiles along the readout axis and across it; "auto" limits the change of the blur between neighbouring
         tiles. "global" ignores both, "rowwise" ignores `bands`.
@@ -119,8 +121,8 @@ def deblur(
     chroma : {"auto", "full", "half"}
         Resolution of the colours. "half" restores the brightness at full resolution and the colours at half of it, as
         JPEG and video store them (:mod:`rsdeblur.deconv.chroma`): priors on derivatives take three quarters to four
-        fifths of the time. It goes with these and with "wiener", but not with "rowwise" or ``border="unknown"``, and
-        applies to RGB pictures with a blur of some pixels. "auto" is "half" with "tv", "hyper-laplacian" and
+        fifths of the time. It goes with these and with "wiener", but not with ``border="unknown"``, and applies to RGB
+        pictures with a blur of some pixels. "auto" is "half" with "tv", "hyper-laplacian" and
         ``quality="fast"``; "full" keeps results of "wiener" and "gradient" linear in the picture.
     geometry : {"keep", "rectify"}
         Keep the rolling-shutter shape, or resample the picture to the middle row's mid-exposure.

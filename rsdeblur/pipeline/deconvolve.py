@@ -118,6 +118,7 @@ def deconvolve_with(
         timings=clock.timings,
         noise=strengths.noise,
         chroma=chroma_of(options, bank.size, encoded.shape),
+        mode=mode_of(bank),
     )
 
 

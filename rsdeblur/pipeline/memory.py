@@ -62,7 +62,7 @@ def plan_chunks(solver: ChunkSolver, shape: tuple[int, int, int], max_memory: in
         needed = max(_bytes(solver, source, shape) for source, _ in parts)
         if needed <= max_memory:
             # Merged in a chunk, tiles of the colours would lie elsewhere than in the next one.
-            is_halved = chroma_of(options, bank.size, shape) == "half"
+            is_halved = options.mode_in_effect != "rowwise" and chroma_of(options, bank.size, shape) == "half"
             half = halved(bank, threads=options.threads) if is_halved else None
             return [_chunk(bank, half, source, target) for source, target in parts]
         if count == most:

@@ -70,14 +70,15 @@ class Options:
     quality: Quality = _option(
         "balanced",
         SOLVER,
-        "Mode and prior together: banded with wiener, or banded or rowwise with hyper-laplacian.",
+        "Mode and prior together: banded with wiener, or auto or rowwise with hyper-laplacian.",
         choices=tuple(choices.QUALITIES),
     )
-    mode: Mode | None = _option(
+    mode: Mode | Auto | None = _option(
         None,
         BLUR,
-        "One PSF for the picture, one per tile, or one per row.",
-        choices=choices.MODES,
+        "One PSF for the picture, one per tile, or one per row; auto is banded, or rowwise where the blur changes too "
+        "much within its height.",
+        choices=("auto", *choices.MODES),
         shown="by --quality",
     )
     bands: Count = _option(
@@ -115,7 +116,7 @@ class Options:
         "auto",
         SOLVER,
         "Resolution of the colours: full, or half as in JPEG, in less time; auto is half for tv and hyper-laplacian, "
-        "and with --quality fast, except in --mode rowwise.",
+        "and with --quality fast.",
         choices=("auto", *choices.CHROMAS),
     )
     geometry: Geometry = _option(
@@ -213,9 +214,8 @@ class Options:
             )
         if self.chroma == "half" and not self._may_halve_chroma:
             raise InputError(
-                "half colours go with the modes banded and global, the priors wiener, gradient, tv and "
-                f"hyper-laplacian, and no border unknown, but the mode is {mode}, the prior {self.prior_name} and the "
-                f"border {self.border}; use the chroma auto",
+                "half colours go with the priors wiener, gradient, tv and hyper-laplacian, and no border unknown, but "
+                f"the prior is {self.prior_name} and the border {self.border}; use the chroma auto",
                 "chroma",
             )
         if self.fallback and self.geometry == "rectify":
@@ -237,8 +237,15 @@ class Options:
 
     @property
     def mode_in_effect(self) -> Mode:
-        """The mode that was given, or that of the quality."""
-        return choices.QUALITIES[self.quality][0] if self.mode is None else self.mode
+        """The mode that was given, or that of the quality; "banded" where the motion has not chosen yet."""
+        mode = choices.QUALITIES[self.quality][0] if self.mode is None else self.mode
+        return "banded" if mode == "auto" else mode
+
+    @property
+    def mode_is_open(self) -> bool:
+        """Whether the motion chooses the mode. Numbers of bands, and a border that rows do not take, choose tiles."""
+        mode = choices.QUALITIES[self.quality][0] if self.mode is None else self.mode
+        return mode == "auto" and self.bands == "auto" and self.boundary_in_effect is None
 
     @property
     def prior_in_effect(self) -> Prior | Denoiser:
@@ -299,8 +306,7 @@ class Options:
 
     @property
     def _may_halve_chroma(self) -> bool:
-        suited = self.prior_in_effect in ("wiener", "gradient", "tv", "hyper-laplacian")
-        return suited and self.mode_in_effect != "rowwise" and self.border != "unknown"
+        return self.prior_in_effect in ("wiener", "gradient", "tv", "hyper-laplacian") and self.border != "unknown"
 
 
 def _checks() -> dict[str, Callable[[str, Any], Any]]:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import html_with_picture, one_line
 from rsdeblur._util.threads import beside
-from rsdeblur.choices import Chroma, Transfer
+from rsdeblur.choices import Chroma, Mode, Transfer
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck
 from rsdeblur.estimate.motion_evidence import MotionEvidence
@@ -32,7 +32,7 @@ from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import PictureSolver, Strengths, chroma_of
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import derive_strengths, judged, solve_chunks, split_highlights
-from rsdeblur.pipeline.tiles import tile_paths
+from rsdeblur.pipeline.tiles import tile_errors, tile_paths, with_mode
 from rsdeblur.psf import PsfBank, kernel_sheet
 from rsdeblur.types import FloatImage, Progress
 
@@ -69,6 +69,12 @@ class DeblurResult:
         Correction of the recording, see :func:`rsdeblur.refine`; None where none was requested.
     chroma : {"full", "half"}
         Resolution at which the colours were restored.
+    mode : {"banded", "global", "rowwise"}
+        Mode that was used.
+    tile_error : float or None
+        Error of the paths, px, that tiles make down the picture, because it is blurred otherwise within the height of a
+        PSF; root mean square. It decides the mode "auto": above 0.1 px, rows are solved one by one. None where kernels
+        were given.
     """
 
     image: NDArray[Any]
@@ -84,6 +90,8 @@ class DeblurResult:
     noise: float | None = None
     refinement: Refinement | None = None
     chroma: Chroma = "full"
+    mode: Mode = "banded"
+    tile_error: float | None = None
 
     def _repr_html_(self) -> str:
         """Return the representation and the kernels for a notebook."""
@@ -193,11 +201,12 @@ class Plan:
         assert self.strengths is not None
         assert self.bank is not None
         bands, strips = self.bank.kernels.shape[:2]
+        mode = self.options.mode_in_effect
         return DeblurResult(
             image=out,
             transfer=encoded.transfer,
             psfs=self.frame.bank(self.bank),
-            bands=encoded.shape[0] if self.options.mode_in_effect == "rowwise" else bands,
+            bands=encoded.shape[0] if mode == "rowwise" else bands,
             strips=strips,
             nsr=self.strengths.nsr,
             weight=self.strengths.weight,
@@ -207,6 +216,8 @@ class Plan:
             noise=self.strengths.noise,
             refinement=self.refinement,
             chroma=chroma_of(self.options, self.bank.size, encoded.shape),
+            mode=mode,
+            tile_error=tile_errors(self.capture)[0] ** 0.5,
         )
 
     def _encoded(self, image: ArrayLike) -> EncodedImage:
@@ -306,7 +317,8 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
     if (doubt := too_wide(camera)) is not None:
         warnings.warn(doubt, RsdeblurWarning, stacklevel=2)
     frame = ReadoutFrame(camera)
-    return Plan(frame, captured(frame, log, exposure, options), options)
+    capture = captured(frame, log, exposure, options)
+    return Plan(frame, capture, with_mode(options, [capture]))
 
 
 def plan_for(

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from rsdeblur.choices import DENOISERS, Chroma
 from rsdeblur.deconv.boundary import extended, extended_shape
-from rsdeblur.deconv.chroma import HalfChroma, Solve, half_shape, halved, luma_share, suits_half
+from rsdeblur.deconv.chroma import HalfChroma, Solve, half_shape, halved, halved_rows, luma_share, suits_half
 from rsdeblur.deconv.plug_and_play import PlugAndPlayPrior, named_denoiser
 from rsdeblur.deconv.priors import DerivativePrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
@@ -55,7 +55,7 @@ class Chunk:
     """Rows `source` of the picture, solved with the PSFs of `bank` for the rows `target` of the result.
 
     The places in `bank` count from the first row of `source`. `half` holds the PSFs of the colours at half the size, if
-    they are not those of :func:`rsdeblur.deconv.chroma.halved`.
+    they are not those of :func:`rsdeblur.deconv.chroma.halved`. "rowwise" traces paths of its own.
     """
 
     source: slice
@@ -143,11 +143,17 @@ class PictureSolver:
         """Plan the solver of a chunk, whose light has the given shape; see :class:`ChunkSolver`."""
         if self.options.boundary_in_effect is not None:
             return self._open_border(chunk.bank, shape)
-        if self.options.mode_in_effect == "rowwise":
-            return self._rowwise(chunk, shape)
-        if chroma_of(self.options, chunk.bank.size, shape) == "half":
-            return self._half_chroma(chunk, shape)
-        return self._tiles(chunk.bank, shape)
+        is_rowwise = self.options.mode_in_effect == "rowwise"
+        blur = self._every_row(chunk, shape[0]) if is_rowwise else chunk.bank
+        if chroma_of(self.options, chunk.bank.size, shape) == "full":
+            return self._exact(blur, shape)
+        if isinstance(blur, BlurPaths):
+            return self._half_chroma(blur, halved_rows(blur), shape)
+        return self._half_chroma(blur, chunk.half or halved(blur, threads=self.options.threads), shape)
+
+    def _exact(self, blur: PsfBank | BlurPaths, shape: tuple[int, int, int]) -> Solve:
+        """Plan a solver of rows, of which the paths are given, or of tiles."""
+        return self._rows(blur, shape) if isinstance(blur, BlurPaths) else self._tiles(blur, shape)
 
     def _tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> Solve:
         prior = self.latent_prior
@@ -157,8 +163,10 @@ class PictureSolver:
         quadratic = TileQuadratic(bank, shape, **self.engine)
         return lambda light, progress: quadratic.apply(light, prior=prior, progress=progress)
 
-    def _half_chroma(self, chunk: Chunk, shape: tuple[int, int, int]) -> HalfChroma:
-        """Plan a solver of the brightness, and one of the picture at half size."""
+    def _half_chroma(
+        self, blur: PsfBank | BlurPaths, half: PsfBank | BlurPaths, shape: tuple[int, int, int]
+    ) -> HalfChroma:
+        """Plan a solver of the brightness, and one of the picture at half size, which has the blur `half`."""
         threads, strengths = self.options.threads, self.strengths
         share = luma_share(self.options.prior_in_effect, self.options.exponent)
         if strengths.weight is None:
@@ -167,8 +175,8 @@ class PictureSolver:
             own = replace(strengths, weight=share * strengths.weight)
         luma = replace(self, strengths=own)
         return HalfChroma(
-            luma._tiles(chunk.bank, (*shape[:2], 1)),
-            self._tiles(chunk.half or halved(chunk.bank, threads=threads), half_shape(shape)),
+            luma._exact(blur, (*shape[:2], 1)),
+            self._exact(half, half_shape(shape)),
             peak=strengths.peak,
             threads=threads,
         )
@@ -192,15 +200,25 @@ class PictureSolver:
 
         return solve
 
-    def _rowwise(self, chunk: Chunk, shape: tuple[int, int, int]) -> Solve:
+    def _every_row(self, chunk: Chunk, height: int) -> BlurPaths:
+        """Trace the paths of the rows of a chunk."""
         if self.capture is None:
             raise InputError('mode="rowwise" has no tiles')
         first = chunk.source.start
-        paths = BlurPaths.every_row(self.capture, chunk.bank.cols, within=slice(first, first + shape[0]))
-        paths = replace(paths, rows=paths.rows - first)
+        paths = BlurPaths.every_row(self.capture, chunk.bank.cols, within=slice(first, first + height))
+        return replace(paths, rows=paths.rows - first)
+
+    def _rows(self, paths: BlurPaths, shape: tuple[int, int, int]) -> Solve:
+        assert self.capture is not None, "the paths come from it"
         # Of all rows of the picture, not only of these; paths between those of the probe are hardly longer.
-        reach = min(int(self.capture.probe.extent[1]) + 2, (shape[1] - 1) // 2)
-        rows = RowDeconvolver(paths, shape, reach=reach, solver=self.options.solver, **self.engine)
+        width = shape[1]
+        longest = float(self.capture.probe.extent[1]) * width / self.capture.camera.width
+        reach = min(int(longest) + 2, (width - 1) // 2)
+        solver = self.options.solver
+        if solver == "auto" and self.strengths.weight is not None:
+            # With the little `nsr` of priors, conjugate gradients take several times as many steps.
+            solver = "direct"
+        rows = RowDeconvolver(paths, shape, reach=reach, solver=solver, **self.engine)
         return lambda light, progress: rows.apply(light, prior=self.latent_prior, progress=progress)
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
+
 import numpy as np
 
 from rsdeblur._util import validate
@@ -10,10 +13,11 @@ from rsdeblur.errors import InputError
 from rsdeblur.estimate.blur_spectra import KERNELS
 from rsdeblur.motion.arguments import check_reach
 from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.pipeline.options import Options
 from rsdeblur.psf import PsfBank, tile_centres
 
 # Results are interpolated linearly between tiles. The number of tiles is such that paths interpolated linearly between
-# them are this close to the true ones, px.
+# them are this close to the true ones, px. Where the errors of any tiles are larger, rows are solved one by one.
 TILE_PATH_ERROR = 0.1
 # Interpolated results differ from the result of interpolated paths: at the highest frequency that the filter restores,
 # about 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring tiles must still agree in phase.
@@ -94,20 +98,32 @@ def highlight_bank(blur: Blur, *, threads: int | None) -> PsfBank:
     return PsfBank.from_paths(tile_paths(blur, "banded", "auto", "auto", HIGHLIGHT_NSR), threads=threads)
 
 
-def tile_error(capture: Capture) -> float:
-    """Return the mean square of the path errors that tiles make, px^2.
+def tile_errors(capture: Capture) -> tuple[float, float]:
+    """Return the mean squares of the path errors that tiles make down and across the picture, px^2.
 
     A tile undoes one blur, but the pixels over which a point was spread have other paths than that point: as much as
     paths change over the radius of the blur.
     """
     probe = capture.probe
     paths, places = probe.displacements, (probe.rows, probe.cols)
-    error = 0.0
+    errors = [0.0, 0.0]
     for axis, at in enumerate(places):
         if len(at) > 1:
             change = np.square(np.diff(paths, axis=axis)).sum(axis=-1).mean() / (at[1] - at[0]) ** 2
-            error += float(change * np.square(paths[..., 1 - axis]).mean())
-    return error
+            errors[axis] = float(change * np.square(paths[..., 1 - axis]).mean())
+    down, across = errors
+    return down, across
+
+
+def with_mode(options: Options, captures: Iterable[Capture]) -> Options:
+    """Return the options with the mode that the motion of one or several pictures chooses, if they leave it open.
+
+    It is "rowwise" where tiles err down the picture by more than `TILE_PATH_ERROR`.
+    """
+    if not options.mode_is_open:
+        return options
+    error = max(tile_errors(capture)[0] for capture in captures)
+    return replace(options, mode="rowwise" if error > TILE_PATH_ERROR**2 else "banded")
 
 
 def _automatic_counts(capture: Capture, nsr: float) -> tuple[int, int]:

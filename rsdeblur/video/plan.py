@@ -165,8 +165,8 @@ def plan_clip(
     _check_options(options)
     above = validate.finite("above", above, minimum=0.0)
     transfer = _clip_transfer(clip) if options.transfer == "auto" else options.transfer
-    # Highlights that are separated in some frames only would flicker.
-    options = replace(options, transfer=transfer, saturation="ignore")
+    # Highlights that are separated in some frames only would flicker, and so would rows in some and tiles in others.
+    options = replace(options, transfer=transfer, saturation="ignore", mode=options.mode_in_effect)
     report_progress = progress or (lambda stage, fraction: None)
     measures, reasons = _measure(clip, log, camera, exposures, options, report_progress)
     refinement = None

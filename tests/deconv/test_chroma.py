@@ -97,15 +97,16 @@ def test_half_a_bank():
     np.testing.assert_allclose(half.displacements[1, 0] * 2, 0.75 * near + 0.25 * far)
 
 
-def test_colours_lose_little(capture):
+@pytest.mark.parametrize("mode", ["banded", "rowwise"])
+def test_colours_lose_little(capture, mode):
     recording = LOG, CAMERA, Exposure(0.08, 0.04)
-    results = [deblur(capture.blurred, *recording, chroma=chroma) for chroma in ("full", "half", "auto")]
+    results = [deblur(capture.blurred, *recording, mode=mode, chroma=chroma) for chroma in ("full", "half", "auto")]
     assert [result.chroma for result in results] == ["full", "half", "half"]
     full, half, auto = (result.image for result in results)
     np.testing.assert_array_equal(auto, half)
     truth = capture.rolling
     gains = [peak_signal_noise_ratio(truth, image, data_range=1.0) for image in (full, half)]
-    # Measured: 0.1 dB less, on a drawing with edges between strong colours; photos gain.
+    # Measured: 0.1 to 0.3 dB less, on a drawing with edges between strong colours; photos gain.
     assert gains[1] > gains[0] - 0.5
     luma = [separate(image)[0] for image in (truth, full, half)]
     assert np.square(luma[2] - luma[0]).mean() < 1.1 * np.square(luma[1] - luma[0]).mean()
@@ -118,10 +119,10 @@ def test_own_kernels_have_full_colours_and_paths_may_have_half(capture):
     assert [result.chroma for result in results] == ["full", "half"]
 
 
-@pytest.mark.parametrize("options", [{"mode": "rowwise"}, {"prior": "wavelet"}, {"border": "unknown"}], ids=str)
+@pytest.mark.parametrize("options", [{"prior": "wavelet"}, {"border": "unknown"}], ids=str)
 def test_where_colours_are_full(options):
     assert Options(**options).chroma_in_effect == "full"
-    with pytest.raises(InputError, match="half colours go with the modes"):
+    with pytest.raises(InputError, match="half colours go with"):
         Options(chroma="half", **options)
 
 

@@ -50,6 +50,21 @@ def test_banded_beats_global_and_the_input(capture: Simulation, log: GyroLog) ->
     assert many > max(one, blurred) + 4
 
 
+def test_the_motion_chooses_the_mode(capture: Simulation, log: GyroLog) -> None:
+    strong, calm = (GyroLog(log.t, factor * log.omega) for factor in (2.0, 0.1))
+
+    def result(log: GyroLog = strong, **kwargs: object) -> rsdeblur.DeblurResult:
+        return rsdeblur.deblur(capture.blurred, log, CAMERA, EXPOSURE, check=False, **kwargs)
+
+    chosen, same = result(), result(mode="rowwise")
+    assert (chosen.mode, result(calm).mode) == ("rowwise", "banded")
+    np.testing.assert_array_equal(chosen.image, same.image)
+    assert chosen.tile_error == same.tile_error > 0.1 > result(calm).tile_error
+    # Bands, a border that rows do not take, and the fast quality choose tiles.
+    for kwargs in ({"bands": 4}, {"border": "unknown"}, {"quality": "fast"}):
+        assert result(**kwargs).mode == "banded"
+
+
 def test_softness_of_the_lens_is_undone(capture: Simulation, log: GyroLog) -> None:
     """In every mode; the readout along x is the same problem turned."""
     soft = ndimage.gaussian_filter(capture.blurred, (0.8, 0.8, 0))
@@ -329,7 +344,7 @@ def test_no_seam_between_bands(log: GyroLog, monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"mode": "magic"}, "mode must be one of banded, global"),
+        ({"mode": "magic"}, "mode must be one of auto, banded, global"),
         ({"geometry": "flat"}, "geometry must be one of"),
         ({"prior": "lasso"}, "prior must be one of"),
         ({"prior": "tv", "weight": 0.0}, "weight must be greater than 0"),

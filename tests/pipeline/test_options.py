@@ -129,11 +129,13 @@ def test_quality_sets_mode_and_prior_unless_they_are_set(quality: Quality) -> No
     # What was not given follows a quality that is given later.
     for first in QUALITIES:
         chosen = replace(Options(quality=first), quality=quality)
-        assert (chosen.mode_in_effect, chosen.prior_in_effect) == QUALITIES[quality]
+        assert chosen.prior_in_effect == QUALITIES[quality][1]
+        assert chosen.mode_is_open == (QUALITIES[quality][0] == "auto")
+        assert chosen.mode_is_open or chosen.mode_in_effect == QUALITIES[quality][0]
         assert chosen == Options(quality=quality)
     mode, prior = replace(Options(mode="global"), quality=quality), replace(Options(prior="tv"), quality=quality)
     assert (mode.mode_in_effect, mode.prior_in_effect) == ("global", QUALITIES[quality][1])
-    assert (prior.mode_in_effect, prior.prior_in_effect) == (QUALITIES[quality][0], "tv")
+    assert (prior.mode_is_open, prior.prior_in_effect) == (QUALITIES[quality][0] == "auto", "tv")
 
 
 def test_quality_is_the_same_in_python_and_on_the_command_line() -> None:
