@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, Exposure, GyroLog, InputError, simulate
-from rsdeblur.estimate.time_offset import find_time_offset
+from rsdeblur.estimate.rival_axes import OTHER_AXES
+from rsdeblur.estimate.time_offset import AT_END, find_time_offset
 from rsdeblur.io import read_camera
 from rsdeblur.io.cameras import write_time_offset
 from rsdeblur.simulation.scene import scene
@@ -43,7 +44,7 @@ def test_the_right_offset_is_found(search):
 
 def test_offsets_count_from_the_camera(picture, search):
     """The log is late, the camera file knows of the most of it, and the picture is turned: the answer is the same."""
-    late = replace(CAMERA.turned(), time_offset=0.013)
+    late = replace(CAMERA.turned(), time_offset=0.002)
     found = find_time_offset(np.rot90(picture, -1), LOG.shifted(-0.01), late, EXPOSURE, search=SEARCH)
     # Their candidates differ; each answer may be wrong by 2 ms, the requirement.
     assert found.time_offset - 0.01 == pytest.approx(search.best, abs=2e-3)
@@ -68,18 +69,18 @@ def test_constant_rates_give_no_answer(rates):
 
 
 @pytest.mark.parametrize(
-    "axes",
-    [[[0, -1, 0], [1, 0, 0], [0, 0, 1]], [[-1, 0, 0], [0, -1, 0], [0, 0, 1]]],
+    ("axes", "reasons"),
+    [([[0, -1, 0], [1, 0, 0], [0, 0, 1]], (OTHER_AXES, AT_END)), ([[-1, 0, 0], [0, -1, 0], [0, 0, 1]], (OTHER_AXES,))],
     ids=["a quarter turn", "half a turn"],
 )
-def test_wrong_axes_give_no_answer(picture, axes):
+def test_wrong_axes_give_no_answer(picture, axes, reasons):
     """The picture becomes sharper with an offset, but the right axes explain it better.
 
     The spectra of half a turn are those of the right axes; the sharp picture is not.
     """
     found = find_time_offset(picture, LOG, replace(CAMERA, imu_to_camera=axes), EXPOSURE, search=SEARCH)
     assert found.time_offset is None
-    assert found.reason
+    assert found.reason in reasons
 
 
 def test_a_log_that_begins_beside_the_exposure_is_searched_as_far_as_it_goes():
