@@ -292,26 +292,3 @@ def test_on_a_cluster(run, files, manifest: Path, tmp_path: Path) -> None:
         assert states(entries(run, *call, code=SOME_FAILED)) == "done done done failed failed"
     result = run("batch", manifest, *files.sources, "-o", tmp_path / "new", "--scheduler", "tls://127.0.0.1:9")
     assert (result.exit_code, "no Dask scheduler answers at tls://127.0.0.1:9" in result.stderr) == (1, True)
-
-
-@pytest.mark.usefixtures("here")
-def test_mars_session(run, files, tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    (folder / "frames").mkdir(parents=True)
-    since = 10**12
-    lines = [f"{round(1e9 * s[0]) + since},{s[1]},{s[2]},{s[3]},0,0,9.8" for s in files.samples()]
-    head = "Timestamp[nanosec],gx[rad/s],gy[rad/s],gz[rad/s],ax[m/s^2],ay[m/s^2],az[m/s^2]"
-    (folder / "gyro_accel.csv").write_text("\n".join([head, *lines]) + "\n")
-    captures = [line.split(",") for line in files.captures.read_text().splitlines()]
-    for row in captures[1:]:
-        row[0] = str(int(row[0]) + since)
-    (folder / "movie_metadata.csv").write_text("".join(",".join(row) + "\n" for row in captures))
-    # The first capture was not encoded, and timestamps are cut to microseconds.
-    (folder / "frame_timestamps.txt").write_text("Frame timestamp[nanosec]\n1000299999000\n1004999999000\n")
-    for name in ("frame0.png", "frame7.png", "1000200000000.png", "cover.png", "998000000000.png"):
-        shutil.copy(files.photo, folder / "frames" / name)
-    found = entries(run, folder, "--camera", files.camera, "-o", folder / "out", code=SOME_FAILED)
-    assert states(found) == "done failed failed done failed"
-    assert "the nearest capture is 2200.0 ms away" in found[1]["error"]
-    assert "neither a timestamp nor a frame number" in found[2]["error"]
-    assert (folder / "out" / "frames" / "frame0.png").is_file()

@@ -9,7 +9,6 @@ from scipy.ndimage import gaussian_filter
 from rsdeblur import InputError
 from rsdeblur.deconv import DerivativePrior, RowBlur, RowDeconvolver
 from rsdeblur.estimate.blur_spectra import LENS
-from rsdeblur.kernels import native, rowwise
 from rsdeblur.simulation.scene import scene
 from tests.deconv.test_rowwise_blur import H, W, still_paths, wavy_paths
 
@@ -38,7 +37,7 @@ def dense_gradients(rows: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("solver", ["direct", "cg"])
-@pytest.mark.parametrize(("nsr", "beta"), [(0.01, 0.0), (0.01, 0.3), (1e-3, 5.0), (1e-4, 1000.0)])
+@pytest.mark.parametrize(("nsr", "beta"), [(0.01, 0.0), (1e-4, 1000.0)])
 def test_solve_is_the_dense_minimum(picture, solver, nsr, beta, monkeypatch):
     monkeypatch.setattr("rsdeblur.deconv.rowwise_cg.TOLERANCE", 1e-6)
     paths, rng = wavy_paths(down=2.0), np.random.default_rng(3)
@@ -89,25 +88,6 @@ def test_constant_picture_keeps_its_brightness(prior, solver):
     paths = wavy_paths(cols=(8.0, 24.0))
     result = RowDeconvolver(paths, (H, W), nsr=0.1, solver=solver).apply(picture, prior=prior)
     np.testing.assert_allclose(result, 0.7, atol=FLOAT32)
-
-
-def test_twins_agree(picture, monkeypatch):
-    """The twin computes in double precision; float32 makes hardly a difference."""
-    paths = wavy_paths()
-    native = RowDeconvolver(paths, picture.shape).apply(picture)
-    for name in ("forward", "adjoint", "solve", "workspace_size", "assembled_size"):
-        monkeypatch.setattr(rowwise, name, getattr(rowwise, name + "_numpy"))
-    np.testing.assert_allclose(RowDeconvolver(paths, picture.shape).apply(picture), native, atol=1e-4)
-
-
-def test_conjugate_gradients_agree(picture):
-    paths = wavy_paths(down=6.0)
-    direct, cg = (RowDeconvolver(paths, picture.shape, solver=solver) for solver in ("direct", "cg"))
-    if native:
-        assert cg.memory < direct.memory
-    difference = direct.apply(picture) - cg.apply(picture)
-    # A residual of 1e-3 leaves some 60 dB.
-    assert np.sqrt(np.mean(difference**2)) < 2e-3
 
 
 def test_auto_takes_conjugate_gradients_for_tall_psfs():

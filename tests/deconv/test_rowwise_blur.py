@@ -49,17 +49,6 @@ def test_each_row_is_convolved_with_its_own_psf():
     np.testing.assert_allclose(blur.forward(latent), expected, atol=2e-6)
 
 
-def test_a_constant_stays():
-    blur = RowBlur(wavy_paths(cols=(5.0, 20.0)), W, channels=3)
-    np.testing.assert_allclose(blur.forward(np.full(blur.latent_shape, 0.7)), 0.7, atol=1e-6)
-
-
-def test_no_motion_is_the_frame():
-    blur = RowBlur(still_paths(), W)
-    latent = np.random.default_rng(2).random(blur.latent_shape[:2], dtype=np.float32)
-    np.testing.assert_allclose(blur.forward(latent), latent[-blur.top : H - blur.top], atol=1e-6)
-
-
 def test_offsets_of_many_pixels_shift():
     """Rectifying paths lie far from zero."""
     paths = still_paths()

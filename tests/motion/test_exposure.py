@@ -33,27 +33,10 @@ def test_first_and_last_line(direction, first, last):
 
 
 @pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
-def test_lines_are_evenly_spaced_fractions_and_beyond_included(direction):
-    camera = camera_of(direction)
-    rows = np.linspace(-3.0, camera.lines + 2.0, 31)
-    opens, _ = EXPOSURE.window(rows, camera)
-    sign = 1 if direction in ("top-down", "left-right") else -1
-    # Times of 2 s are rounded by 4e-16 s.
-    np.testing.assert_allclose(np.diff(opens), sign * np.diff(rows) * 0.03 / camera.lines, atol=1e-14)
-
-
-@pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
 def test_span_holds_every_window_and_no_more(direction):
     camera = camera_of(direction)
     opens, closes = EXPOSURE.window(np.arange(camera.lines), camera)
     assert EXPOSURE.span(camera) == (opens.min(), closes.max())
-
-
-def test_shifted():
-    later = Exposure(2.0, 0.01, 77).shifted(0.5)
-    assert later == Exposure(2.5, 0.01, 77)
-    with pytest.raises(InputError, match="dt must be finite"):
-        later.shifted(math.nan)
 
 
 @pytest.mark.parametrize(
