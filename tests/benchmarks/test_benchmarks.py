@@ -57,15 +57,6 @@ def test_calls_that_the_host_interrupted_are_measured_again(module):
     assert len(clock.calls) == 4
 
 
-def test_noisy_figures_are_not_published(module):
-    timing, quiet = module("timing"), {"fft": module("timing").Times(median=100, low=95, high=109)}
-    timing.refuse_noise(0.2, quiet)
-    with pytest.raises(SystemExit, match=r"load was 2\.6"):
-        timing.refuse_noise(2.6, quiet)
-    with pytest.raises(SystemExit, match="wiener: the quartiles are 16% of the median apart"):
-        timing.refuse_noise(0.2, quiet | {"wiener": timing.Times(median=100, low=90, high=106)})
-
-
 def test_every_round_runs_each_job_once_in_changing_order(module):
     clock = FakeClock()
     jobs = {name: clock.job(name, [1.0] * 21) for name in "abcd"}
@@ -86,25 +77,6 @@ def test_missing_alternative_is_skipped_with_a_message(module, monkeypatch):
     assert set(tasks) == set(builds) == {(name, n) for name in (peers.c.PERIODIC, "SciPy FFT") for n in (1, 2)}
     assert [message.split(":")[0] for message in skipped] == ["OpenCV", peers.c.MKL]
     assert "cv2" in skipped[0]
-
-
-def test_times_that_disagree_are_left_out_with_their_ratios(module):
-    peers = module("peers")
-
-    def row(name, threads, spread):
-        seconds = {"median": 1.0, "low": 1.0 - spread / 2, "high": 1.0 + spread / 2}
-        return {"name": name, "threads": threads, "seconds": seconds, "to_bare": 1.0, "to_global": 1.0}
-
-    rows = [row(peers.c.BARE, 2, 0.3), row(peers.c.GLOBAL, 2, 0.1), row(peers.c.SKIMAGE_AS_IS, None, 0.0)]
-    target = peers.TARGETS[0]
-    case = {"alternatives": rows, "targets": [target.assess({peers.c.BARE: 1.0, peers.c.GLOBAL: 1.0})]}
-    (left,) = peers.steady_figures({"threads": [1, 2], "cases": [case]})["cases"]
-    bare, ours, other = left["alternatives"]
-    assert bare["seconds"] == {"median": None, "low": 0.85, "high": 1.15}
-    assert (bare["to_bare"], bare["to_global"]) == (None, None)
-    assert ours["seconds"]["median"] == other["seconds"]["median"] == 1.0
-    assert (ours["to_bare"], ours["to_global"]) == (other["to_bare"], other["to_global"]) == (None, 1.0)
-    assert left["targets"][0]["ratio"] is left["targets"][0]["met"] is None
 
 
 def test_figures_of_several_runs_make_one_page(module, tmp_path, monkeypatch):

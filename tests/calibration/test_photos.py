@@ -15,8 +15,8 @@ TRUTH = Camera(
     WIDTH, HEIGHT, FOCAL, readout_time=0.02, readout_direction="bottom-up", imu_to_camera="yzX", time_offset=OFFSET
 )
 START = Camera(WIDTH, HEIGHT, 1.1 * FOCAL, readout_time=0.02)
-EXPOSURES = [Exposure(start, 0.06) for start in (1.0, 2.2, 3.1)]
-LOG = hand_shake(4.0, strength=0.8, seed=8)
+EXPOSURES = [Exposure(start, 0.06) for start in (1.0, 2.2, 3.1, 4.3)]
+LOG = hand_shake(5.5, strength=0.8, seed=8)
 RECORDED = LOG.shifted(-OFFSET)
 
 
@@ -24,7 +24,7 @@ RECORDED = LOG.shifted(-OFFSET)
 def photos():
     """Four different pictures, as no scene is seen twice."""
     whole = scene(2 * HEIGHT + 64, 2 * WIDTH + 64)
-    corners = ((0, 0), (0, WIDTH), (HEIGHT, 0))
+    corners = ((0, 0), (0, WIDTH), (HEIGHT, 0), (HEIGHT, WIDTH))
     scenes = [whole[top : top + HEIGHT + 32, left : left + WIDTH + 32] for top, left in corners]
     camera = replace(TRUTH, time_offset=0.0)
     pairs = zip(scenes, EXPOSURES, strict=True)
@@ -68,9 +68,9 @@ def test_a_left_handed_log_is_refused(photos):
     ("changes", "match"),
     [
         ({"exposures": EXPOSURES[:2]}, "at least 3 photos, got 2"),
-        ({"exposures": [*EXPOSURES, EXPOSURES[0]]}, "got 3 images and 4 exposures"),
+        ({"exposures": [*EXPOSURES, EXPOSURES[0]]}, "got 4 images and 5 exposures"),
         ({"log": None}, "log must be a GyroLog"),
-        ({"log": [LOG, LOG]}, "got 2 logs and 3 exposures"),
+        ({"log": [LOG, LOG]}, "got 2 logs and 4 exposures"),
         ({"search": (0.01, -0.01)}, "search must span"),
         ({"search": (-1.0, 1.0)}, "search must span"),
         ({"camera": replace(START, width=WIDTH + 1)}, "the camera"),

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from PIL import Image
 
 from rsdeblur.choices import VERDICTS
 from rsdeblur.cli._items import COLUMNS
@@ -111,32 +110,6 @@ def test_finished_items_are_skipped_and_others_not_replaced(run, files, manifest
     assert states(again) == "failed failed failed failed failed"
     assert "the file exists; use force (--force)" in again[0]["error"]
     assert states(entries(run, *call, "--force", code=SOME_FAILED)) == "done done done done failed"
-
-
-@pytest.mark.usefixtures("here")
-def test_a_finished_batch_stays_finished_when_it_is_moved(run, files, listed, tmp_path, monkeypatch) -> None:
-    listed("photo.png,a.png")
-    assert states(entries(run, tmp_path / "m.csv", *files.sources, "-o", tmp_path / "out")) == "done"
-    monkeypatch.chdir(tmp_path)
-    call = ("m.csv", "--gyro", "gyro.csv", "--camera", "camera.toml", "-o", "moved")
-    os.rename("out", "moved")
-    assert states(entries(run, *call)) == "skipped"
-    lists = [Path("moved", name).read_bytes() for name in ("batch.csv", "batch.json")]
-    os.utime("photo.png")
-    assert "or these have another date" in entries(run, *call, code=SOME_FAILED)[0]["error"]
-    # A run without any result leaves the lists of earlier ones.
-    assert [Path("moved", name).read_bytes() for name in ("batch.csv", "batch.json")] == lists
-
-
-@pytest.mark.usefixtures("here")
-def test_items_that_failed_leave_no_empty_folders(run, files, listed, tmp_path: Path) -> None:
-    # Beyond the log, which shows before the work, and a size that is not the camera's, which shows in it.
-    Image.new("RGB", (80, 72)).save(tmp_path / "small.png")
-    path = listed("photo.png,a/b/late.png", "small.png,c/small.png", "photo.png,d/p.png")
-    path.write_text(path.read_text().replace("late.png,0.2", "late.png,9"))
-    (tmp_path / "out" / "mine").mkdir(parents=True)
-    assert states(entries(run, path, *files.sources, "-o", tmp_path / "out", code=SOME_FAILED)) == "failed failed done"
-    assert {item.name for item in (tmp_path / "out").iterdir() if item.is_dir()} == {"mine", "d"}
 
 
 @pytest.mark.usefixtures("here")

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from rsdeblur import InputError
 from rsdeblur.deconv import DerivativePrior, RowBlur, RowDeconvolver
 from rsdeblur.estimate.blur_spectra import LENS
 from rsdeblur.simulation.scene import scene
@@ -129,34 +128,3 @@ def test_out_may_be_the_input(picture, cols):
     assert deconvolver.apply(work, out=work, progress=fractions.append) is work
     np.testing.assert_array_equal(work, expected)
     assert fractions[-1] == 1.0
-
-
-@pytest.mark.parametrize(
-    ("shape", "kwargs", "message"),
-    [
-        ((H + 1, W), {}, "paths are those of 40 rows, the picture has 41"),
-        ((H, 10, 3), {}, "reach 6 px sideways"),
-        ((H,), {}, "shape must be"),
-        ((H, W), {"nsr": 0.0}, "nsr must be greater than 0"),
-        ((H, W), {"solver": "lu"}, "solver must be one of"),
-    ],
-)
-def test_bad_arguments_are_refused(shape, kwargs, message):
-    with pytest.raises(InputError, match=message):
-        RowDeconvolver(wavy_paths(), shape, **kwargs)
-
-
-def test_bad_pictures_are_refused(picture):
-    deconvolver = RowDeconvolver(wavy_paths(), picture.shape)
-    with pytest.raises(InputError, match="planned shape"):
-        deconvolver.apply(picture[:-1])
-    with pytest.raises(InputError, match="finite"):
-        deconvolver.apply(np.where(picture > 0.99, np.nan, picture))
-    with pytest.raises(InputError, match="out must be a float32 array"):
-        deconvolver.apply(picture, out=np.empty(picture.shape))
-
-
-def test_a_grey_picture_is_one_channel(picture):
-    grey, prior = np.ascontiguousarray(picture[..., 0]), DerivativePrior("tv", 0.01)
-    flat, deep = (RowDeconvolver(wavy_paths(), shape) for shape in (grey.shape, (*grey.shape, 1)))
-    np.testing.assert_array_equal(flat.apply(grey, prior=prior), deep.apply(grey[..., None], prior=prior)[..., 0])

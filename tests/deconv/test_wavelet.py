@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur import InputError, PsfBank
+from rsdeblur import PsfBank
 from rsdeblur.deconv import DerivativePrior, TileQuadratic
 from rsdeblur.deconv.wavelet import Factors, WaveletPrior, band_shape, frame_responses
 from rsdeblur.estimate import Tuning, strength
@@ -77,13 +77,3 @@ def test_the_variances_are_those_of_white_noise(monkeypatch: pytest.MonkeyPatch)
         found = (responses * power).sum(axis=(2, 3))
         # The coarsest level has some hundred independent values, and the spectra of the tuning fewer frequencies.
         np.testing.assert_allclose(found, expected[k], rtol=0.2)
-
-
-@pytest.mark.parametrize("variances", [(1.0,), tuple(-np.ones(band_shape()).ravel())])
-def test_refusals(variances: tuple[float, ...]) -> None:
-    with pytest.raises(InputError, match="variances must be 36 numbers of at least 0"):
-        WaveletPrior(0.01, variances, 0.5, SPARSE)
-    with pytest.raises(InputError, match="kind"):
-        DerivativePrior("wavelet", 0.01)
-    with pytest.raises(InputError, match="noise_share must be"):
-        WaveletPrior(0.01, tuple(np.ones(band_shape()).ravel()), 1.5, SPARSE)

@@ -295,32 +295,6 @@ def test_no_seam_between_bands(log: GyroLog, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize(
-    ("kwargs", "message"),
-    [
-        ({"mode": "magic"}, "mode must be one of banded, global"),
-        ({"geometry": "flat"}, "geometry must be one of"),
-        ({"prior": "lasso"}, "prior must be one of"),
-        ({"prior": "tv", "weight": 0.0}, "weight must be greater than 0"),
-        ({"weight": "much"}, "weight must be a number"),
-        ({"exponent": 2.0}, "exponent must be at most 1"),
-        ({"solver": "lu"}, "solver must be one of"),
-        ({"motion": "paper"}, "motion must be one of"),
-        ({"border": "none"}, "border must be one of"),
-        ({"bands": 0}, "bands must be at least 1"),
-        ({"strips": 2.5}, "strips must be a whole number"),
-        ({"bands": "many"}, "bands must be a whole number"),
-        ({"nsr": -1.0}, "nsr must be greater than 0"),
-        ({"transfer": "rec709"}, "transfer must be"),
-        ({"transfer": 0.0}, "transfer must be at least 0.1"),
-        ({"threads": 0}, "threads must be at least 1"),
-    ],
-)
-def test_bad_arguments_are_refused(log: GyroLog, kwargs: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        deblur(np.zeros((160, 192)), log, CAMERA, EXPOSURE, **kwargs)
-
-
-@pytest.mark.parametrize(
     ("image", "message"),
     [
         (np.zeros((192, 160)), "turned by a quarter"),

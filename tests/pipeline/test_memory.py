@@ -77,14 +77,6 @@ def test_chunks_give_the_picture_that_is_solved_whole(capture, log, planned, nam
         assert 10 * np.log10(losses[1] / losses[0]) < 0.05
 
 
-def test_more_memory_means_fewer_chunks(capture, log, planned):
-    counts = []
-    for size in (900_000, 1_400_000, 20_000_000):
-        deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="global", nsr=0.05, max_memory=size)
-        counts.append(len(planned))
-    assert counts[0] > counts[1] > counts[2] == 1
-
-
 def test_too_little_memory_is_refused_before_the_work(capture, log, monkeypatch):
     monkeypatch.setattr(memory, "FIXED", 0)
     with pytest.raises(InputError, match=r"max_memory is 0 MiB, but even 16 rows of this picture need \d+ MiB"):
@@ -107,16 +99,3 @@ def test_results_are_written_to_out(capture, log, tmp_path, dtype):
     if dtype != np.float32:
         expected = np.rint(expected * np.float32(top))
     np.testing.assert_array_equal(np.load(tmp_path / "out.npy"), expected)
-
-
-@pytest.mark.parametrize(
-    ("out", "message"),
-    [
-        (np.empty((3, 3), np.float32), "out must be a float32, uint8 or uint16 array of shape"),
-        (np.empty((HEIGHT, WIDTH, 3)), "got float64"),
-        ("file.npy", "got str"),
-    ],
-)
-def test_bad_out_is_refused(capture, log, out, message):
-    with pytest.raises(InputError, match=message):
-        deblur(capture.blurred, log, CAMERA, EXPOSURE, out=out)

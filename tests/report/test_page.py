@@ -15,7 +15,7 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.report import drawings, write_page
-from rsdeblur.report.figures import band_figures, findings, motion_data
+from rsdeblur.report.figures import findings, motion_data
 from rsdeblur.report.page import render
 
 # Every way out of an element, an attribute, a comment, JSON and a template.
@@ -171,21 +171,6 @@ def test_the_plot_shows_camera_axes_and_each_lines_window(shaky_log, direction) 
     i = np.argmin(np.abs(log.t + 0.02 - 0.15 - 1e-3 * data["t"][0]))
     # Rates are rounded to six digits.
     np.testing.assert_allclose(np.array(data["rates"])[:, 0], camera.imu_to_camera @ log.omega[i], atol=1e-6)
-
-
-def test_sharpness_of_bands_is_that_of_their_edges() -> None:
-    _, x = np.mgrid[:128, :160].astype(float)
-    # Edges as boxes of 21 and 7 px leave them: ramps.
-    blurred, sharp = (0.3 + 0.4 * np.clip((x - 120) / width + 0.5, 0, 1) for width in (21, 7))
-    figures = band_figures({"input": blurred, "sharp": sharp}, {"sharp": [0.01] * 6})
-    assert figures["edges"] == [0, 21, 43, 64, 85, 107, 128]
-    assert figures["sharpness"]["input"] == [1.0] * 6
-    # Single precision; at half the size both ramps still have pixels whose gradient depends on the ramp alone.
-    np.testing.assert_allclose(figures["sharpness"]["sharp"], 3.0, rtol=1e-4)
-    # In percent; the input was not checked.
-    assert figures["ringing"] == {"input": [None] * 6, "sharp": [1.0] * 6}
-    turned = band_figures({"input": blurred.T, "sharp": sharp.T}, {}, across=True)
-    np.testing.assert_allclose(turned["sharpness"]["sharp"], figures["sharpness"]["sharp"], rtol=1e-5)
 
 
 def levels(outcomes) -> dict[str, str]:
