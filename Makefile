@@ -20,14 +20,14 @@ test: $(VENV_PYTHON)
 	$(call run-c,plain,)
 	$(PYTEST)
 
-# The tests of files and kernels on the lowest versions of the dependencies, in an environment of their own.
+# A few tests, which use every dependency, on the lowest versions of the dependencies, in an environment of their own.
 test-lowest: override VENV = build/lowest
 test-lowest:
 	rm -rf $(VENV)
 	$(PYTHON) -m venv $(VENV)
 	$(PYTHON) -c '$(LOWEST)' >$(VENV)/lowest.txt
 	$(PIP) '.[test]' -r $(VENV)/lowest.txt
-	$(PYTEST) tests/io tests/kernels
+	$(PYTEST) $(LOWEST_TESTS)
 
 lint: $(VENV_PYTHON)
 	$(PIP) '.[lint,test]'
@@ -69,6 +69,8 @@ $(VENV_PYTHON):
 
 # Safe path: programs that tests start here must find the installed package, not the bare source folder.
 PYTEST = PYTHONSAFEPATH=1 $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
+LOWEST_TESTS = $(addprefix tests/,cli/test_camera.py cli/test_commands.py deconv/test_fft.py image/test_frame.py \
+  io/test_pictures.py kernels/test_resample.py kernels/test_twins.py motion/test_track.py)
 # Print name==lowest for each name>=lowest of the dependencies that every user needs.
 LOWEST = import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
   print(*(each.replace(">=", "==") for each in project["dependencies"]), sep="\n")

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import pytest
 
@@ -62,6 +63,27 @@ def _drawn_once(draw: Callable[..., FloatImage]) -> Callable[..., FloatImage]:
 
 
 scenes.scene = _drawn_once(scenes.scene)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--except-passed", metavar="JUNIT.xml", help="leave out what passed in the run of this report")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what passed in an earlier run; what it skipped, or did not have, stays."""
+    report = config.getoption("--except-passed")
+    if report is None:
+        return
+    cases = ElementTree.parse(report).iter("testcase")
+    passed = {(case.get("classname"), case.get("name")) for case in cases if len(case) == 0}
+
+    def name(item: pytest.Item) -> tuple[str, str]:
+        address, bracket, parameters = item.nodeid.partition("[")
+        path, *names = address.split("::")
+        return ".".join([path.removesuffix(".py").replace("/", "."), *names[:-1]]), names[-1] + bracket + parameters
+
+    config.hook.pytest_deselected(items=[item for item in items if name(item) in passed])
+    items[:] = [item for item in items if name(item) not in passed]
 
 
 @pytest.hookimpl(wrapper=True)

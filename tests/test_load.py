@@ -16,7 +16,7 @@ import pytest
 from numba.core.compiler_lock import global_compiler_lock
 from numpy.typing import NDArray
 
-from rsdeblur import Camera, Deconvolver, Exposure, InputError, deblur, hand_shake, plan, psfs
+from rsdeblur import Camera, Deconvolver, Exposure, InputError, deblur, hand_shake, psfs
 from rsdeblur.deconv import DerivativePrior, PlugAndPlayPrior, RowBlur, RowDeconvolver, TileQuadratic, fft
 from rsdeblur.io import pictures
 from rsdeblur.motion import BlurPaths, Capture
@@ -133,26 +133,6 @@ def in_a_fork(work: Callable[[], Any]) -> int:
         work()
         os._exit(0)
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-
-
-@forks
-@many_threads
-def test_a_plan_works_in_a_process_forked_while_a_thread_uses_it() -> None:
-    prepared = plan(*RECORDING).prepare(PICTURE)
-    begun, done = threading.Event(), threading.Event()
-
-    def wait(stage: str, fraction: float) -> None:
-        if stage == "apply":
-            begun.set()
-            done.wait(20)
-
-    other = threading.Thread(target=lambda: prepared.apply(PICTURE, progress=wait))
-    other.start()
-    assert begun.wait(20)
-    status = in_a_fork(lambda: prepared.apply(PICTURE))
-    done.set()
-    other.join()
-    assert status == 0
 
 
 @forks

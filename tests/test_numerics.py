@@ -176,17 +176,6 @@ def test_psfs_of_a_mirrored_camera_are_mirrored(capture: Taken, axis: int) -> No
     np.testing.assert_allclose(np.flip(mirror, (axis, axis + 2)), kernels, atol=1e-6)
 
 
-@few
-@given(captures(), st.sampled_from([0, 1]))
-def test_a_mirrored_picture_is_deblurred_into_its_mirror_image(capture: Taken, axis: int) -> None:
-    image = capture.noise()
-    options = {"mode": "global", "nsr": 0.02, "border": "periodic", "check": False}
-    sharp = deblur(image, *capture.parts, **options).image
-    mirror = deblur(np.flip(image, axis), *mirrored(capture, axis).parts, **options).image
-    # As in test_linear_in_the_picture: roundings of float32, times a gain of 3.5.
-    np.testing.assert_allclose(np.flip(mirror, axis), sharp, atol=1e-4)
-
-
 @several
 @given(captures(("top-down", "bottom-up")), st.integers(2, 7))
 def test_paths_scale_with_the_camera(capture: Taken, times: int) -> None:
@@ -226,8 +215,7 @@ def test_any_number_of_threads_gives_the_same_bits(mode: str, softness: float) -
         np.testing.assert_array_equal(two, one, err_msg=str(options))
 
 
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("prior", ["wiener", "tv"])
+@pytest.mark.parametrize(("mode", "prior"), [("banded", "tv"), ("rowwise", "wiener")])
 def test_any_number_of_threads_gives_the_same_bits_of_a_burst(mode: str, prior: str) -> None:
     images = np.random.default_rng(0).random((2, WIDE.height, WIDE.width, 3), dtype=np.float32)
     one, two = (
@@ -300,8 +288,7 @@ def test_any_size_is_deblurred_or_refused(
         np.testing.assert_allclose(sharp, stored / np.float32(full), atol=1e-4)
 
 
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("mode", "axis"), [("global", 0), ("banded", 1), ("rowwise", 0)])
 def test_a_psf_as_large_as_the_picture(mode: str, axis: int) -> None:
     """The longest blur that fits is solved; a blur that is longer by 1 px on both sides is refused."""
     side, focal_length, exposure = 41, 600.0, Exposure(0.05, 0.02)
@@ -313,7 +300,7 @@ def test_a_psf_as_large_as_the_picture(mode: str, axis: int) -> None:
         rates[:, axis] = 2 * np.arctan(reach / focal_length) / exposure.duration
         return GyroLog(np.arange(40) * 0.005, rates)
 
-    result = deblur(image, log(19.5), Camera(side, side, focal_length), exposure, mode=mode, nsr=0.05)
+    result = deblur(image, log(19.5), Camera(side, side, focal_length), exposure, mode=mode, nsr=0.05, check=False)
     assert result.psfs.size[axis] == side
     assert np.isfinite(result.image).all()
     with pytest.raises(InputError, match=r"the blur reaches .* more than the picture of 41x41 px can hold"):

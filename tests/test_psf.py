@@ -41,11 +41,6 @@ class TestKernels:
         assert bank.size == shape[-2:]
         assert bank.centres.shape == (*grid, 2)
 
-    def test_sums_are_made_one(self):
-        kernels = np.full((2, 3, 3), 1 / 9) * [[[1.0009]], [[0.9991]]]
-        bank = PsfBank.for_picture(kernels, (20, 20))
-        np.testing.assert_allclose(bank.kernels.sum(axis=(2, 3), dtype=np.float64), 1, atol=1e-6)
-
     def test_holds_its_own_read_only_arrays(self):
         kernel = np.ones((1, 1))
         bank = PsfBank.for_picture(kernel, (8, 8))
@@ -78,15 +73,6 @@ class TestKernels:
     def test_centres_fit_the_kernels(self, rows, cols, message):
         with pytest.raises(InputError, match=message):
             PsfBank(random_bank().kernels, rows, cols)
-
-
-class TestCentres:
-    @pytest.mark.parametrize(("tiles", "length"), [(1, 64), (4, 64), (3, 100), (64, 64)])
-    def test_tiles_are_equal_parts(self, tiles, length):
-        centres = tile_centres(tiles, length)
-        # Pixel 0 begins at -1/2, the last one ends at length - 1/2.
-        edges = np.linspace(-0.5, length - 0.5, tiles + 1)
-        np.testing.assert_allclose(centres, 0.5 * (edges[1:] + edges[:-1]), atol=1e-12)
 
 
 class TestFromPaths:
@@ -160,22 +146,6 @@ class TestTurned:
         for b, s in np.ndindex(3, 2):
             np.testing.assert_allclose(turned.kernels[1 - s, b], np.rot90(bank.kernels[b, s]), rtol=3e-7)
             assert np.array_equal(turned.centres[1 - s, b], [49 - bank.cols[s], bank.rows[b]])
-
-    def test_undoes_the_turn_of_the_camera(self, shaky_log):
-        # Without readout, the blur can be computed both for the picture as it is and for the picture turned and back.
-        camera = Camera(96, 64, 90.0, (50.0, 30.0), readout_time=0.0)
-        rows, cols = tile_centres(3, 64), tile_centres(4, 96)
-
-        def bank(camera, rows, cols):
-            return PsfBank.from_paths(
-                BlurPaths.from_capture(Capture.from_log(shaky_log(), camera, EXPOSURE), rows, cols)
-            )
-
-        straight = bank(camera, rows, cols)
-        back = bank(camera.turned(), cols, (camera.height - 1 - rows)[::-1]).turned(camera.height)
-        np.testing.assert_allclose(back.centres, straight.centres, atol=1e-12)
-        # Rounded positions can move energy of 1e-9 across a grid line; entries are float32 below 1.
-        np.testing.assert_allclose(back.kernels, straight.kernels, atol=2e-7)
 
 
 class TestFile:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, Exposure, InputError, PsfBank, deblur
-from rsdeblur._util.threads import ThreadTeam, beside, share, share_blocks, share_range
+from rsdeblur._util.threads import ThreadTeam, beside, share
 from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.simulation.shake import hand_shake
 
@@ -70,27 +70,6 @@ def test_an_error_beside_the_body_is_raised_where_the_result_is_wanted() -> None
 
     with beside(fail, 2) as result, pytest.raises(InputError, match="beside"):
         result()
-
-
-@ANYWHERE
-@pytest.mark.parametrize("count", [0, 1, 5, 100])
-def test_parts_cover_a_range(threads: int, count: int) -> None:
-    parts: list[tuple[int, int]] = []
-    share_range(lambda first, stop: parts.append((first, stop)), count, threads)
-    assert [i for first, stop in sorted(parts) for i in range(first, stop)] == list(range(count))
-
-
-@ANYWHERE
-@pytest.mark.parametrize("shape", [(1, 1), (7, 30), (8, 33)])
-def test_blocks_cover_a_picture_once(threads: int, shape: tuple[int, int]) -> None:
-    times = np.zeros(shape, dtype=int)
-
-    def count(thread: int, rows: slice, columns: slice) -> None:
-        assert thread < threads
-        times[rows, columns] += 1
-
-    share_blocks(count, shape, (4, 10), threads)
-    assert (times == 1).all()
 
 
 def test_a_failure_reaches_the_caller() -> None:

@@ -6,7 +6,6 @@ import importlib
 import sys
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from tests.installed import needs
@@ -38,11 +37,6 @@ class FakeClock:
         return run
 
 
-def never():
-    """Return the time that a host took away: none."""
-    return 0.0
-
-
 def test_first_round_is_not_counted_and_the_rest_is_summarised(module):
     timing, clock = module("timing"), FakeClock()
     jobs = {"steady": clock.job("steady", [100, 4, 4, 4, 4, 4]), "rising": clock.job("rising", [100, 1, 2, 3, 4, 50])}
@@ -63,37 +57,6 @@ def test_calls_that_the_host_interrupted_are_measured_again(module):
     assert len(clock.calls) == 4
 
 
-def test_steady_rounds_go_on_until_a_quiet_time(module):
-    timing, clock = module("timing"), FakeClock()
-    jobs = {"a": clock.job("a", [9, 1, 2, 1, 2, 2, 2, 9]), "b": clock.job("b", [9.0] * 9)}
-    times = timing.interleave(jobs, 3, steady=True, clock=clock, stolen=never)
-    assert times == {"a": timing.Times(2, 2, 2), "b": timing.Times(9, 9, 9)}
-    assert clock.calls.count("a") == 7
-    # Without such a time, the fastest rounds in sequence count, all jobs alike: here the 5th to the 7th.
-    lengths = [1, *(5 * [8, 16]), *(5 * [8, 16])]
-    lengths[5:8] = 4, 8, 4
-    noisy = {name: clock.job(name, [factor * n for n in lengths]) for name, factor in (("a", 1.0), ("b", 3.0))}
-    noisy["c"] = clock.job("c", [1.0, *range(50, 90)])
-    times = timing.interleave(noisy, 3, steady=True, clock=clock, stolen=never)
-    assert (times["a"].median, times["b"].median, times["c"].median) == (4, 12, 55)
-
-
-def test_machine_that_is_always_interrupted_is_measured_as_it_is(module):
-    clock, ticks = FakeClock(), iter(range(1000))
-    seconds = module("timing").fastest(clock.job("job", [1.0] * 100), clock, lambda: float(next(ticks)))
-    assert seconds == 1.0
-    assert len(clock.calls) == 2  # 1.5 s
-
-
-def test_noisy_figures_are_not_published(module):
-    timing, quiet = module("timing"), {"fft": module("timing").Times(median=100, low=95, high=109)}
-    timing.refuse_noise(0.2, quiet)
-    with pytest.raises(SystemExit, match=r"load was 2\.6"):
-        timing.refuse_noise(2.6, quiet)
-    with pytest.raises(SystemExit, match="wiener: the quartiles are 16% of the median apart"):
-        timing.refuse_noise(0.2, quiet | {"wiener": timing.Times(median=100, low=90, high=106)})
-
-
 def test_every_round_runs_each_job_once_in_changing_order(module):
     clock = FakeClock()
     jobs = {name: clock.job(name, [1.0] * 21) for name in "abcd"}
@@ -102,14 +65,6 @@ def test_every_round_runs_each_job_once_in_changing_order(module):
     assert len(rounds) == 21
     assert all(sorted(order) == list("abcd") for order in rounds)
     assert len(set(rounds)) > 5
-
-
-def test_what_slows_the_machine_down_leaves_ratios_alone(module):
-    clock = FakeClock()
-    slowness = [1, 1, 1, 3, 3, 3, 3]
-    jobs = {factor: clock.job(factor, [factor * s for s in slowness]) for factor in (2, 5)}
-    times = module("timing").interleave(jobs, 6, clock=clock)
-    assert times[5] / times[2] == pytest.approx(2.5)
 
 
 def test_missing_alternative_is_skipped_with_a_message(module, monkeypatch):
@@ -122,54 +77,6 @@ def test_missing_alternative_is_skipped_with_a_message(module, monkeypatch):
     assert set(tasks) == set(builds) == {(name, n) for name in (peers.c.PERIODIC, "SciPy FFT") for n in (1, 2)}
     assert [message.split(":")[0] for message in skipped] == ["OpenCV", peers.c.MKL]
     assert "cv2" in skipped[0]
-
-
-def test_target_that_lacks_an_alternative_is_not_judged(module):
-    peers = module("peers")
-    at_most, at_least = peers.Target("", "a", "b", 2.0), peers.Target("", "a", "b", 2.0, at_least=True)
-    assert at_most.assess({"a": 3.0, "b": 1.0})["met"] is False
-    assert at_least.assess({"a": 3.0, "b": 1.0})["met"] is True
-    assert at_most.assess({"a": 3.0}) == {"text": "", "bound": 2.0, "at_least": False, "ratio": None, "met": None}
-
-
-def test_times_that_disagree_are_left_out_with_their_ratios(module):
-    peers = module("peers")
-
-    def row(name, threads, spread):
-        seconds = {"median": 1.0, "low": 1.0 - spread / 2, "high": 1.0 + spread / 2}
-        return {"name": name, "threads": threads, "seconds": seconds, "to_bare": 1.0, "to_global": 1.0}
-
-    rows = [row(peers.c.BARE, 2, 0.3), row(peers.c.GLOBAL, 2, 0.1), row(peers.c.SKIMAGE_AS_IS, None, 0.0)]
-    target = peers.TARGETS[0]
-    case = {"alternatives": rows, "targets": [target.assess({peers.c.BARE: 1.0, peers.c.GLOBAL: 1.0})]}
-    (left,) = peers.steady_figures({"threads": [1, 2], "cases": [case]})["cases"]
-    bare, ours, other = left["alternatives"]
-    assert bare["seconds"] == {"median": None, "low": 0.85, "high": 1.15}
-    assert (bare["to_bare"], bare["to_global"]) == (None, None)
-    assert ours["seconds"]["median"] == other["seconds"]["median"] == 1.0
-    assert (ours["to_bare"], ours["to_global"]) == (other["to_bare"], other["to_global"]) == (None, 1.0)
-    assert left["targets"][0]["ratio"] is left["targets"][0]["met"] is None
-
-
-def test_another_picture_is_noticed(module):
-    peers = module("peers")
-    right = np.zeros((8, 8, 3), dtype=np.float32)
-    wrong = right + np.float32(1e-3)
-    for picture, same in ((right, True), (wrong, False)):
-        deviation = peers.deviation(("SciPy FFT", 1), {("SciPy FFT", 1): picture, (peers.c.PERIODIC, 1): right})
-        assert (deviation <= peers.c.ALTERNATIVES["SciPy FFT"].tolerance) is same
-    with pytest.raises(SystemExit, match="another picture: SciPy FFT"):
-        peers.refuse_other_pictures({"cases": [{"alternatives": [{"name": "SciPy FFT", "same": False}]}]})
-
-
-@pytest.mark.parametrize("bands", [1, 4])
-def test_psfs_fill_the_box(module, bands):
-    bank = module("cases").Case(128, 96, (9, 17)).bank(bands)
-    assert bank.size == (17, 9)
-    # The outermost row or column of a kernel may stay empty: a splat needs the pixel beyond the last one touched.
-    used = np.abs(bank.kernels).sum(axis=(0, 1))
-    assert max(used.sum(axis=1)[[1, -2]]) > 0
-    assert max(used.sum(axis=0)[[1, -2]]) > 0
 
 
 def test_figures_of_several_runs_make_one_page(module, tmp_path, monkeypatch):

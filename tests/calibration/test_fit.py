@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, GyroLog, hand_shake
+from rsdeblur import Camera, hand_shake
 from rsdeblur.calibration.clip import calibrate_matches
-from rsdeblur.calibration.fit import ClipModel, MeanOrientation, PairErrors, Parameters, fit_clip
+from rsdeblur.calibration.fit import ClipModel, MeanOrientation, Parameters, fit_clip
 from rsdeblur.calibration.matches import ClipMatches
 from rsdeblur.motion.axes import imu_to_camera
 from rsdeblur.motion.track import OrientationTrack
@@ -37,47 +37,19 @@ def matched(starts, log, *, camera=CAMERA, truth=TRUTH, noise=0.05, shake=0.0, s
     return ClipMatches(points, moved, pair, opens, matches.durations)
 
 
-@pytest.mark.parametrize("shake", [0.0, 0.5])
-def test_deviations_are_those_of_the_errors(shake):
+def test_deviations_are_those_of_the_errors():
     """With independent errors, of points and of pairs, scores have a deviation of 1/2: deviations are doubled."""
     log = hand_shake(2.5, strength=0.3, seed=1)
     starts = 0.3 + np.arange(30) / 30
     orientation = MeanOrientation(log.t, log.omega)
     scores = []
     for seed in range(8):
-        matches = matched(starts, log, shake=shake, seed=seed)
+        matches = matched(starts, log, shake=0.5, seed=seed)
         model = ClipModel(matches, CAMERA, orientation, MOUNTING)
         fit = fit_clip(model, TRUTH, FREE, np.ones(len(starts), bool), rounds=3)
         scores += [(getattr(fit.parameters, name) - getattr(TRUTH, name)) / fit.sd(**{name: 1.0}) for name in FREE]
     # 48 scores: their rms is known to 10 %; correlated parameters allow twice that and more.
     assert 0.25 < np.sqrt(np.mean(np.square(scores))) < 0.8
-
-
-def test_whitened_errors_are_independent():
-    """Whitening W of all errors has W'W = R^-1, for the covariance R of points and of slow errors of the pairs."""
-    log = hand_shake(4.0, strength=0.3, seed=1)
-    # Two runs, 1.4 s apart: the errors of the second hardly depend on those of the first.
-    starts = np.concatenate([0.3 + np.arange(20) / 30, 2.3 + np.arange(10) / 30])
-    matches = matched(starts, log, noise=0.05)
-    model = ClipModel(matches, CAMERA, MeanOrientation(log.t, log.omega), MOUNTING)
-    slow = np.cumsum(np.random.default_rng(3).normal(0.0, 0.3, (len(starts), 2)), axis=0)
-    errors = PairErrors(model, model.residuals(TRUTH) + slow[matches.pair], np.ones(len(starts), bool))
-    assert errors.correlation[1:20, :2].min() > 0.5
-    assert errors.correlation[20].max() < 0.1 * errors.correlation[1].max()
-    pairs, values = len(starts), 2 * len(matches.pair)
-    # Error m of pair k is that of the pair before times the correlation, and something new: u = C u + new.
-    chain = np.zeros((pairs, 4, pairs, 4))
-    for k in range(1, pairs):
-        chain[k, range(4), k - 1, range(4)] = errors.correlation[k]
-    solved = np.linalg.inv(np.eye(4 * pairs) - chain.reshape(4 * pairs, 4 * pairs))
-    shared = solved @ np.diag(1 - errors.correlation.ravel() ** 2) @ solved.T
-    modes = np.zeros((values, pairs, 4))
-    modes[np.arange(values), np.repeat(matches.pair, 2)] = (errors.modes * np.sqrt(errors.spread)).reshape(values, 4)
-    moved = modes.reshape(values, -1)
-    covariance = np.diag(np.repeat(errors.noise**2 / errors.weights, 2)) + moved @ shared @ moved.T
-    white = errors.whiten(np.eye(values).reshape(-1, 2, values))
-    # Rounding of values up to 400 in two inverses. Measured: 2e-11.
-    np.testing.assert_allclose(white.T @ white, np.linalg.inv(covariance), atol=1e-8)
 
 
 def test_a_minute_shows_the_drift_of_the_clock():
@@ -95,22 +67,9 @@ def test_a_minute_shows_the_drift_of_the_clock():
     assert np.abs(found.camera.imu_to_camera - MOUNTING).max() > 0.02
 
 
-def test_pairs_within_a_gap_of_the_log_are_left_out():
-    log = hand_shake(3.0, strength=0.3, seed=1)
-    starts = 0.3 + np.arange(40) / 30
-    kept = (log.t < 0.8) | (log.t > 1.0)
-    broken = GyroLog(log.t[kept], log.omega[kept])
-    found = calibrate_matches(matched(starts, log), 0, broken, CAMERA, (-0.2, 0.3))
-    assert found.accepted, found.reason
-    assert 20 < found.pairs < 36
-    assert found.values["time_offset"].value == pytest.approx(TRUTH.offset + 0.01 * 639 / 640, abs=3e-4)
-
-
-@pytest.mark.parametrize(
-    ("model", "coefficients"), [("radtan", (0.15, -0.05, 0.001, 0.002)), ("fisheye", (0.05, -0.01, 0, 0))]
-)
-def test_a_distorting_lens(model, coefficients):
-    camera = replace(CAMERA, distortion_model=model, distortion=coefficients)
+def test_a_distorting_lens():
+    coefficients = (0.05, -0.01, 0, 0)
+    camera = replace(CAMERA, distortion_model="fisheye", distortion=coefficients)
     log = hand_shake(2.5, strength=0.3, seed=1)
     found = calibrate_matches(matched(0.3 + np.arange(30) / 30, log, camera=camera), 0, log, camera, (-0.2, 0.3))
     assert found.accepted, found.reason

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, calibrate_photos, hand_shake, scene, simulate
-from rsdeblur.calibration.photos import _decided, _without
-from rsdeblur.motion.axes import imu_to_camera
 
 WIDTH, HEIGHT, FOCAL = 240, 192, 300.0
 OFFSET = 5e-3
@@ -56,22 +54,6 @@ def test_what_is_determined_is_within_three_deviations(calibration):
     assert (camera.width, camera.height) == (WIDTH, HEIGHT)
 
 
-@pytest.mark.parametrize("marks", ["start", "middle", "end"])
-def test_the_middle_row_keeps_its_time(marks):
-    """An assumed readout time moves the offset so that the middle row is exposed when the photos say."""
-    camera = replace(TRUTH, timestamp_marks=marks)
-    assumed = _without(camera, "readout", replace(START, readout_time=0.008))
-    assert assumed.readout_time == 0.008
-    middle, again = (sum(EXPOSURES[0].span(each)) / 2 - each.time_offset for each in (camera, assumed))
-    # `span` ends with the last row, which opens a row's time before the readout ends: half of 12 ms / 192.
-    assert again == pytest.approx(middle, abs=4e-5)
-
-
-@pytest.mark.parametrize(("name", "field"), [("scale", "focal_length"), ("offset", "time_offset")])
-def test_what_is_assumed_has_its_start_value(name, field):
-    assert getattr(_without(TRUTH, name, START), field) == getattr(START, field)
-
-
 def test_a_left_handed_log_is_refused(photos):
     """The spectra of reversed paths are the same; the sharp pictures are not."""
     mirrored = GyroLog(RECORDED.t, -RECORDED.omega)
@@ -80,32 +62,6 @@ def test_a_left_handed_log_is_refused(photos):
     assert "left-handed" in found.reason
     assert found.camera is START
     assert found.values == {}
-
-
-@pytest.mark.parametrize(
-    ("lead", "confident", "words"),
-    [
-        ((0, 0, 0), False, "do not decide between the axes XYZ and yXZ; give more"),
-        ((900, -300, 0), False, "do not decide between the axes XYZ and yXZ; give more"),
-        ((40, 50, 60), True, ""),
-    ],
-)
-def test_photos_decide_together(lead, confident, words):
-    """One photo that leads by much does not decide alone."""
-    matrices = [imu_to_camera(name) for name in ("XYZ", "yXZ", "zxy")]
-    leads = np.array([lead, (-1, 0, 0), (-200, -200, -200)], dtype=float)
-    best, confidence, reason = _decided(matrices, leads)
-    assert (best, confidence >= 0.95) == (0, confident)
-    assert words in reason
-    assert bool(reason) != confident
-
-
-def test_a_left_handed_rival_is_named():
-    mirror = -imu_to_camera("XYZ")
-    reason = _decided([imu_to_camera("XYZ"), mirror], np.zeros((2, 3)))[2]
-    assert "xyz, left-handed" in reason
-    reason = _decided([imu_to_camera("XYZ"), mirror], np.array([[0.0] * 3, [50.0] * 3]))[2]
-    assert "left-handed axes: read it with --orientation xyz" in reason
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from PIL import Image
 
 from rsdeblur.choices import VERDICTS
 from rsdeblur.cli._items import COLUMNS
@@ -111,32 +110,6 @@ def test_finished_items_are_skipped_and_others_not_replaced(run, files, manifest
     assert states(again) == "failed failed failed failed failed"
     assert "the file exists; use force (--force)" in again[0]["error"]
     assert states(entries(run, *call, "--force", code=SOME_FAILED)) == "done done done done failed"
-
-
-@pytest.mark.usefixtures("here")
-def test_a_finished_batch_stays_finished_when_it_is_moved(run, files, listed, tmp_path, monkeypatch) -> None:
-    listed("photo.png,a.png")
-    assert states(entries(run, tmp_path / "m.csv", *files.sources, "-o", tmp_path / "out")) == "done"
-    monkeypatch.chdir(tmp_path)
-    call = ("m.csv", "--gyro", "gyro.csv", "--camera", "camera.toml", "-o", "moved")
-    os.rename("out", "moved")
-    assert states(entries(run, *call)) == "skipped"
-    lists = [Path("moved", name).read_bytes() for name in ("batch.csv", "batch.json")]
-    os.utime("photo.png")
-    assert "or these have another date" in entries(run, *call, code=SOME_FAILED)[0]["error"]
-    # A run without any result leaves the lists of earlier ones.
-    assert [Path("moved", name).read_bytes() for name in ("batch.csv", "batch.json")] == lists
-
-
-@pytest.mark.usefixtures("here")
-def test_items_that_failed_leave_no_empty_folders(run, files, listed, tmp_path: Path) -> None:
-    # Beyond the log, which shows before the work, and a size that is not the camera's, which shows in it.
-    Image.new("RGB", (80, 72)).save(tmp_path / "small.png")
-    path = listed("photo.png,a/b/late.png", "small.png,c/small.png", "photo.png,d/p.png")
-    path.write_text(path.read_text().replace("late.png,0.2", "late.png,9"))
-    (tmp_path / "out" / "mine").mkdir(parents=True)
-    assert states(entries(run, path, *files.sources, "-o", tmp_path / "out", code=SOME_FAILED)) == "failed failed done"
-    assert {item.name for item in (tmp_path / "out").iterdir() if item.is_dir()} == {"mine", "d"}
 
 
 @pytest.mark.usefixtures("here")
@@ -292,26 +265,3 @@ def test_on_a_cluster(run, files, manifest: Path, tmp_path: Path) -> None:
         assert states(entries(run, *call, code=SOME_FAILED)) == "done done done failed failed"
     result = run("batch", manifest, *files.sources, "-o", tmp_path / "new", "--scheduler", "tls://127.0.0.1:9")
     assert (result.exit_code, "no Dask scheduler answers at tls://127.0.0.1:9" in result.stderr) == (1, True)
-
-
-@pytest.mark.usefixtures("here")
-def test_mars_session(run, files, tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    (folder / "frames").mkdir(parents=True)
-    since = 10**12
-    lines = [f"{round(1e9 * s[0]) + since},{s[1]},{s[2]},{s[3]},0,0,9.8" for s in files.samples()]
-    head = "Timestamp[nanosec],gx[rad/s],gy[rad/s],gz[rad/s],ax[m/s^2],ay[m/s^2],az[m/s^2]"
-    (folder / "gyro_accel.csv").write_text("\n".join([head, *lines]) + "\n")
-    captures = [line.split(",") for line in files.captures.read_text().splitlines()]
-    for row in captures[1:]:
-        row[0] = str(int(row[0]) + since)
-    (folder / "movie_metadata.csv").write_text("".join(",".join(row) + "\n" for row in captures))
-    # The first capture was not encoded, and timestamps are cut to microseconds.
-    (folder / "frame_timestamps.txt").write_text("Frame timestamp[nanosec]\n1000299999000\n1004999999000\n")
-    for name in ("frame0.png", "frame7.png", "1000200000000.png", "cover.png", "998000000000.png"):
-        shutil.copy(files.photo, folder / "frames" / name)
-    found = entries(run, folder, "--camera", files.camera, "-o", folder / "out", code=SOME_FAILED)
-    assert states(found) == "done failed failed done failed"
-    assert "the nearest capture is 2200.0 ms away" in found[1]["error"]
-    assert "neither a timestamp nor a frame number" in found[2]["error"]
-    assert (folder / "out" / "frames" / "frame0.png").is_file()

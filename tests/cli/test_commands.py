@@ -108,16 +108,6 @@ def test_compare_writes_everything(run: Run, files: Files, tmp_path: Path) -> No
     assert (report["modes"]["global"]["bands"], report["modes"]["global"]["strips"]) == (1, 1)
 
 
-def test_compare_of_some_modes_in_little_memory(run: Run, files: Files, tmp_path: Path) -> None:
-    common = ["compare", files.photo, *files.recording, "--prior", "wiener", "--mode", "banded", "--mode", "global"]
-    # Without --output, beside the photo.
-    result = run(*common, "--max-memory", "1GiB", "--json")
-    assert result.exit_code == 0, result.stderr
-    assert list(json.loads(result.stdout)["modes"]) == ["global", "banded"]
-    names = {"global.png", "banded.png", "side-by-side.png", "psfs.png", "compare.json"}
-    assert {path.name for path in (tmp_path / "photo-compare").iterdir()} == names
-
-
 def test_compare_writes_a_report(run: Run, files: Files, tmp_path: Path) -> None:
     page = tmp_path / "report.html"
     # Rates as if in degrees: accepted with a warning, which the report repeats.
@@ -154,14 +144,6 @@ def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:
     assert 0.0 < report["path_px"]["shortest"] <= report["path_px"]["longest"]
     with Image.open(drawing) as picture:
         assert picture.mode == "RGB"
-
-
-def test_psf_takes_the_tiles_of_deblur(run: Run, files: Files, tmp_path: Path) -> None:
-    options = [*files.recording, "--nsr", 0.001, "--json"]
-    kernels = json.loads(run("psf", *options).stdout)
-    sharp = json.loads(run("deblur", files.photo, *options, "--quality", "fast", "-o", tmp_path / "o.png").stdout)
-    names = ("bands", "strips", "psf_px")
-    assert [kernels[name] for name in names] == [sharp[name] for name in names]
 
 
 def test_simulate_writes_three_pictures(run: Run, files: Files, tmp_path: Path) -> None:
@@ -269,31 +251,6 @@ def test_sync_writes_only_into_files_that_have_a_place_for_it(run, files, tmp_pa
     result = run("sync", files.photo, *sources, "--start", "0.1", "--duration", "0.05", "--write")
     assert result.exit_code == 1
     assert str(foreign) in result.stderr
-
-
-def test_sync_of_several_photos(run, files, tmp_path, monkeypatch):
-    names = [tmp_path / name for name in ("frame_0.png", "frame_1.png")]
-    for name in names:
-        name.write_bytes(files.photo.read_bytes())
-    capture = ["--capture", files.captures]
-
-    def answer(images, log, camera, exposures, **_):
-        assert exposures[0].epoch_ns < exposures[1].epoch_ns
-        return found
-
-    monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", answer)
-    found = OffsetSearch(0.012, 0.012, 0.001, 40.0, "", np.zeros(1), np.zeros(1))
-    result = run("sync", *names, *files.sources, *capture)
-    assert result.exit_code == 0, result.stderr
-    assert "time offset 12.0 ms (+- 1.0)" in result.stdout
-    found = OffsetSearch(None, 0.012, 0.001, 40.0, "they disagree", np.zeros(1), np.zeros(1))
-    names = [names[0].rename(tmp_path / "frame_2.png"), names[1]][::-1]
-    assert "give --numbered-from 0 or 1" in run("sync", *names, *files.sources, *capture).stderr
-    result = run("sync", *names, *files.sources, *capture, "--numbered-from", 1, "--write", "--json")
-    assert result.exit_code == 1
-    assert "the 2 pictures do not determine the time offset: they disagree" in result.stderr
-    assert json.loads(result.stdout)["best_s"] == 0.012
-    assert run("sync", *names, *files.sources, "--start", "exif").exit_code == 2
 
 
 def test_several_photos(run: Run, files: Files, tmp_path: Path) -> None:

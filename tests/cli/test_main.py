@@ -59,14 +59,6 @@ def test_wrong_usage_exits_with_2(arguments: list[str]) -> None:
     assert "Error" in result.stderr or "Usage: " in result.output
 
 
-def test_quiet_and_verbose_exclude_each_other() -> None:
-    parts = [["camera", part] for part in ("new", "import", "show", "measure-readout")]
-    for command in [*([name] for name in COMMANDS if name != "camera"), *parts]:
-        result = CliRunner().invoke(main, [*command, "-q", "-v"])
-        assert result.exit_code == 2, command
-        assert "--quiet and --verbose exclude each other" in result.stderr
-
-
 def test_options_are_made_of_the_table() -> None:
     """Each field with a help text is an option of every command that deblurs photos, with its text and section."""
     text = " ".join(CliRunner().invoke(main, ["deblur", "--help"], terminal_width=10_000).stdout.split())
@@ -74,12 +66,6 @@ def test_options_are_made_of_the_table() -> None:
         if each.metadata.get("help"):
             assert f"--{each.name.replace('_', '-')} " in text
             assert " ".join(each.metadata["help"].split()) in text or each.name == "refine"
-
-
-def test_long_lists_of_options_are_in_sections() -> None:
-    text = CliRunner().invoke(main, ["deblur", "--help"]).stdout
-    titles = [line for line in text.splitlines() if line.endswith(":") and not line.startswith(" ")]
-    assert titles == ["Recording:", "Blur:", "Solver:", "Computing:", "Output:"]
 
 
 def test_quiet_and_verbose(files: Files, run: Callable[..., Result]) -> None:
@@ -90,12 +76,6 @@ def test_quiet_and_verbose(files: Files, run: Callable[..., Result]) -> None:
     for text in ("rsdeblur: log: plain", "rsdeblur: exposure: 0 ns + 0.200000 s, 40 ms", "rsdeblur: deblur: apply"):
         assert text in verbose.stderr
     assert len(verbose.stdout.splitlines()) >= 1
-
-
-def test_version() -> None:
-    result = CliRunner().invoke(main, ["--version"])
-    assert result.exit_code == 0
-    assert result.stdout.strip().endswith(rsdeblur.__version__)
 
 
 @pytest.mark.parametrize(

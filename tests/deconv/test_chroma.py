@@ -23,7 +23,7 @@ from rsdeblur import (
     simulate,
 )
 from rsdeblur.deconv import DerivativePrior, TileQuadratic
-from rsdeblur.deconv.chroma import LUMA_STRENGTH, halved, luma_share
+from rsdeblur.deconv.chroma import luma_share
 from rsdeblur.kernels.chroma import separate
 from rsdeblur.pipeline.solver import Chunk, PictureSolver, Strengths
 
@@ -74,27 +74,6 @@ def test_a_grey_picture_is_its_brightness(grey, prior):
     result = restored(solver_of(bank, prior), grey)
     # Colours are then the brightness at half size; the line through them has the slope 1, up to rounding.
     np.testing.assert_allclose(result, np.repeat(alone[..., None], 3, axis=-1), atol=2e-4)
-
-
-@pytest.mark.parametrize("prior", PRIORS)
-def test_the_brightness_of_a_grey_picture_has_the_strength_of_three_channels(grey, prior):
-    bank = bank_of(0.08)
-    three = restored(solver_of(bank, prior, "full"), grey)
-    one = one_plane(bank, prior, 1 / LUMA_STRENGTH)(grey[..., 0])
-    # Splitting takes the same steps for both only up to the scale of its penalties.
-    assert np.square(three - one[..., None]).mean() < 0.01 * np.square(three - grey).mean()
-
-
-def test_half_a_bank():
-    bank = bank_of(0.08)
-    half = halved(bank, threads=1)
-    assert half.kernels.shape[:2] == (3, 2)
-    np.testing.assert_allclose(half.kernels.sum(axis=(2, 3)), 1.0, atol=1e-6)
-    # Places count from the centre of the first pixel, which is that of the first two in the whole picture.
-    np.testing.assert_allclose((half.cols[0] + half.cols[-1]) / 2, (80.0 - 0.5) / 2)
-    # The first of two places of three is a quarter of the way to the second.
-    near, far = bank.displacements[2, :2]
-    np.testing.assert_allclose(half.displacements[1, 0] * 2, 0.75 * near + 0.25 * far)
 
 
 @pytest.mark.parametrize("mode", ["banded", "rowwise"])

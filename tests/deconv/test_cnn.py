@@ -7,7 +7,7 @@ import pytest
 
 from rsdeblur import InputError
 from rsdeblur.deconv import cnn
-from rsdeblur.deconv.cnn import BLOCK, HALO, cnn_denoise
+from rsdeblur.deconv.cnn import BLOCK, cnn_denoise
 from rsdeblur.simulation.scene import scene
 from tests.installed import needs
 
@@ -42,18 +42,6 @@ def test_even_pictures_stay_as_they_are(level: float) -> None:
     image = np.zeros((65, 70, 3), dtype=np.float32) + level * np.array([1.0, 0.5, 0.8], dtype=np.float32)
     # Rounding of ten layers, and of the mix of colours.
     np.testing.assert_allclose(cnn_denoise(image, SIGMA), image, atol=1e-5 * max(level, SIGMA))
-
-
-def test_the_halo_is_as_wide_as_needed() -> None:
-    """What is beyond the halo changes nothing, and what is within does."""
-    _, image = noisy(4 * HALO, 4 * HALO, 1)
-    changed = image.copy()
-    # The mean stays, up to rounding: it is taken from the whole picture.
-    changed[:HALO, ::2] += 0.5
-    changed[:HALO, 1::2] -= 0.5
-    difference = np.abs(cnn_denoise(changed, SIGMA) - cnn_denoise(image, SIGMA)).max(axis=(1, 2))
-    assert difference[2 * HALO :].max() < 1e-6
-    assert difference[HALO : 2 * HALO].max() > 0
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (7, 300, 1), (BLOCK[0] + 1, 3, 3), (33, 34, 4)])

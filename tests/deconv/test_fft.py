@@ -35,34 +35,6 @@ def test_rows_are_numpys_transform_and_come_back(planning, n):
     np.testing.assert_allclose(rows.real / n, values, atol=1e-6)
 
 
-@pytest.mark.parametrize("n", [29, 30])
-def test_rows_go_to_any_place_among_others(n):
-    values = np.random.default_rng(0).random((2, 4, n)).astype(np.float32)
-    spectra = np.full((2, 9, 24), np.nan, np.complex64)
-    rows = fft.RowTransform((2, 4, n), "estimate", spectra)
-    for top in (5, 0):
-        rows.real[...] = values
-        rows.forward(top)
-    used = spectra[:, [0, 1, 2, 3, 5, 6, 7, 8]]
-    # 30 values of order 1 are summed in float32.
-    np.testing.assert_allclose(used[..., : n // 2 + 1], np.tile(np.fft.rfft(values), (1, 2, 1)), atol=1e-5)
-    assert not used[..., n // 2 + 1 :].any()
-    assert np.isnan(spectra[:, 4]).all()
-    rows.inverse(5)
-    np.testing.assert_allclose(rows.real / n, values, atol=1e-6)
-
-
-def test_lines_are_numpys_transform_and_come_back():
-    rng = np.random.default_rng(0)
-    lines = fft.LineTransform((4, 24))
-    values = (rng.random((4, 24)) + 1j * rng.random((4, 24))).astype(np.complex64)
-    lines.lines[...] = values
-    lines.forward()
-    np.testing.assert_allclose(lines.spectra, np.fft.fft(values), atol=1e-5)
-    lines.inverse()
-    np.testing.assert_allclose(lines.lines / 24, values, atol=1e-6)
-
-
 def test_measured_plans_are_kept_and_damage_is_harmless(cache_dir):
     fft.LineTransform((3, 48), "measure")
     fft.remember()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -66,17 +64,3 @@ def test_a_still_path_is_the_identity_at_any_nsr():
     picture = np.random.default_rng(0).random((50, 60), dtype=np.float32)
     result = Deconvolver(bank_of(np.zeros((3, 2)), places=2), picture.shape, nsr=0.05).apply(picture)
     np.testing.assert_allclose(result, picture, atol=1e-4)
-
-
-def test_adjoint_fits_the_blur_of_a_path():
-    u, g = np.random.default_rng(0).normal(size=(2, 40, 60)).astype(np.float32)
-    blur = TileBlur(bank_of(CURVE), u.shape, border="periodic")
-    assert np.vdot(blur.forward(u), g) == pytest.approx(np.vdot(u, blur.adjoint(g)), abs=1e-3)
-
-
-def test_replanning_from_kernels_to_paths_takes_the_paths():
-    picture = np.random.default_rng(0).random((50, 60), dtype=np.float32)
-    exact = bank_of(0.1 * CURVE)
-    solver = Deconvolver(replace(exact, displacements=None), picture.shape)
-    solver.replan(exact)
-    np.testing.assert_array_equal(solver.apply(picture), Deconvolver(exact, picture.shape).apply(picture))

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from rsdeblur import InputError, PsfBank, deconvolve
-from rsdeblur.deconv import PlugAndPlayPrior, RowDeconvolver, TileQuadratic
+from rsdeblur.deconv import PlugAndPlayPrior, TileQuadratic
 from rsdeblur.deconv.coupling import TO_PICTURE
-from rsdeblur.deconv.plug_and_play import COARSEST, STEPS, WEIGHT_OF_VARIANCE
+from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.simulation.scene import scene
-from tests.deconv.test_rowwise import dense_blur
-from tests.deconv.test_rowwise_blur import H, W, wavy_paths
 
 KERNEL = np.zeros((7, 9))
 KERNEL[[1, 2, 3, 4, 5], [1, 2, 4, 5, 7]] = 0.2
@@ -40,43 +38,11 @@ def test_tiles_solve_near_a_target() -> None:
     np.testing.assert_allclose(found, np.fft.ifft2(right / (np.abs(otf) ** 2 + nsr + beta)).real, atol=1e-5)
 
 
-@pytest.mark.parametrize("solver", ["direct", "cg"])
-def test_rows_solve_near_a_target(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rsdeblur.deconv.rowwise_cg.TOLERANCE", 1e-6)
-    rng, paths, nsr, beta = np.random.default_rng(1), wavy_paths(down=2.0), 1e-3, 0.2
-    grey = rng.random((H, W), dtype=np.float32)
-    term = RowDeconvolver(paths, grey.shape, nsr=nsr, border="periodic", solver=solver)._observe(grey[..., None], 0)
-    target = rng.random(term.shape, dtype=np.float32)
-    found = term.solve(beta, target.copy(), TO_PICTURE).ravel()
-    blur = dense_blur(paths)
-    mean = np.full(blur.shape[1], grey.mean(dtype=float))
-    right = (1 + nsr) * (blur.T @ (grey.ravel() - blur @ mean)) + beta * (target.ravel() - mean)
-    expected = mean + np.linalg.solve(blur.T @ blur + (nsr + beta) * np.eye(blur.shape[1]), right)
-    np.testing.assert_allclose(found, expected, atol=1e-4)  # float32 factorisation of a system of condition 1e1
-
-
 def test_a_constant_picture_is_unchanged() -> None:
     for shape in (SHAPE, (*SHAPE, 3)):
         picture = np.full(shape, 0.25, np.float32)
         result = tiles(shape, nsr=1e-6).apply(picture, prior=PlugAndPlayPrior(same, 1e-4))
         np.testing.assert_allclose(result, picture, atol=1e-5)
-
-
-def test_the_steps_go_down_to_the_noise() -> None:
-    seen: list[tuple[tuple[int, ...], float]] = []
-
-    def denoise(image: np.ndarray, sigma: float) -> np.ndarray:
-        seen.append((image.shape, sigma))
-        return image
-
-    fractions: list[float] = []
-    noise, picture = 0.01, np.full(SHAPE, 2.0, np.float32)
-    prior = PlugAndPlayPrior(denoise, WEIGHT_OF_VARIANCE * noise**2)
-    tiles().apply(picture, prior=prior, progress=fractions.append)
-    shapes, sigmas = zip(*seen, strict=True)
-    assert set(shapes) == {SHAPE}  # grey pictures have two axes
-    np.testing.assert_allclose(sigmas, np.geomspace(2 * COARSEST, noise, STEPS))
-    assert fractions == pytest.approx(np.arange(1, STEPS + 1) / STEPS)
 
 
 def test_the_denoiser_may_keep_its_arrays() -> None:

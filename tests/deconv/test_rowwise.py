@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from rsdeblur import InputError
 from rsdeblur.deconv import DerivativePrior, RowBlur, RowDeconvolver
 from rsdeblur.estimate.blur_spectra import LENS
-from rsdeblur.kernels import native, rowwise
 from rsdeblur.simulation.scene import scene
 from tests.deconv.test_rowwise_blur import H, W, still_paths, wavy_paths
 
@@ -38,7 +36,7 @@ def dense_gradients(rows: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("solver", ["direct", "cg"])
-@pytest.mark.parametrize(("nsr", "beta"), [(0.01, 0.0), (0.01, 0.3), (1e-3, 5.0), (1e-4, 1000.0)])
+@pytest.mark.parametrize(("nsr", "beta"), [(0.01, 0.0), (1e-4, 1000.0)])
 def test_solve_is_the_dense_minimum(picture, solver, nsr, beta, monkeypatch):
     monkeypatch.setattr("rsdeblur.deconv.rowwise_cg.TOLERANCE", 1e-6)
     paths, rng = wavy_paths(down=2.0), np.random.default_rng(3)
@@ -91,25 +89,6 @@ def test_constant_picture_keeps_its_brightness(prior, solver):
     np.testing.assert_allclose(result, 0.7, atol=FLOAT32)
 
 
-def test_twins_agree(picture, monkeypatch):
-    """The twin computes in double precision; float32 makes hardly a difference."""
-    paths = wavy_paths()
-    native = RowDeconvolver(paths, picture.shape).apply(picture)
-    for name in ("forward", "adjoint", "solve", "workspace_size", "assembled_size"):
-        monkeypatch.setattr(rowwise, name, getattr(rowwise, name + "_numpy"))
-    np.testing.assert_allclose(RowDeconvolver(paths, picture.shape).apply(picture), native, atol=1e-4)
-
-
-def test_conjugate_gradients_agree(picture):
-    paths = wavy_paths(down=6.0)
-    direct, cg = (RowDeconvolver(paths, picture.shape, solver=solver) for solver in ("direct", "cg"))
-    if native:
-        assert cg.memory < direct.memory
-    difference = direct.apply(picture) - cg.apply(picture)
-    # A residual of 1e-3 leaves some 60 dB.
-    assert np.sqrt(np.mean(difference**2)) < 2e-3
-
-
 def test_auto_takes_conjugate_gradients_for_tall_psfs():
     assert RowDeconvolver(wavy_paths(), (H, W)).solver == "direct"
     tall = wavy_paths(rows=700, down=330.0, samples=700)
@@ -149,34 +128,3 @@ def test_out_may_be_the_input(picture, cols):
     assert deconvolver.apply(work, out=work, progress=fractions.append) is work
     np.testing.assert_array_equal(work, expected)
     assert fractions[-1] == 1.0
-
-
-@pytest.mark.parametrize(
-    ("shape", "kwargs", "message"),
-    [
-        ((H + 1, W), {}, "paths are those of 40 rows, the picture has 41"),
-        ((H, 10, 3), {}, "reach 6 px sideways"),
-        ((H,), {}, "shape must be"),
-        ((H, W), {"nsr": 0.0}, "nsr must be greater than 0"),
-        ((H, W), {"solver": "lu"}, "solver must be one of"),
-    ],
-)
-def test_bad_arguments_are_refused(shape, kwargs, message):
-    with pytest.raises(InputError, match=message):
-        RowDeconvolver(wavy_paths(), shape, **kwargs)
-
-
-def test_bad_pictures_are_refused(picture):
-    deconvolver = RowDeconvolver(wavy_paths(), picture.shape)
-    with pytest.raises(InputError, match="planned shape"):
-        deconvolver.apply(picture[:-1])
-    with pytest.raises(InputError, match="finite"):
-        deconvolver.apply(np.where(picture > 0.99, np.nan, picture))
-    with pytest.raises(InputError, match="out must be a float32 array"):
-        deconvolver.apply(picture, out=np.empty(picture.shape))
-
-
-def test_a_grey_picture_is_one_channel(picture):
-    grey, prior = np.ascontiguousarray(picture[..., 0]), DerivativePrior("tv", 0.01)
-    flat, deep = (RowDeconvolver(wavy_paths(), shape) for shape in (grey.shape, (*grey.shape, 1)))
-    np.testing.assert_array_equal(flat.apply(grey, prior=prior), deep.apply(grey[..., None], prior=prior)[..., 0])

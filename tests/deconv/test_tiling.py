@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur.deconv.fft import fast_length
 from rsdeblur.deconv.tiling import Tiling, hat_weights
 from rsdeblur.errors import InputError
 from rsdeblur.psf import tile_centres
@@ -59,21 +58,6 @@ def test_a_tile_is_longer_than_its_part_by_a_margin_that_fades(case, periodic):
         assert tiling.taper == tiling.length - longest >= margin
 
 
-def test_a_single_tile_spans_all():
-    tiling = Tiling.plan(tile_centres(1, N), N, 9, 20, periodic=False)
-    (tile,) = tiling.tiles
-    assert (tile.start, tile.first) == (0, 0)
-    assert np.all(tile.weights == 1)
-    # The continuation, in which the ends are blended, is at least as long as the PSF.
-    assert tiling.length - N == tiling.taper >= 9
-
-
-@pytest.mark.parametrize("n", [999, 1000, 1009])
-def test_a_single_periodic_tile_has_exactly_its_length(n):
-    tiling = Tiling.plan(tile_centres(1, n), n, 9, 20, periodic=True)
-    assert (tiling.length, tiling.taper) == (n, 0)
-
-
 def test_weights_interpolate_linearly():
     centres = np.array([10.0, 14.0, 30.5])
     values = np.array([3.0, -1.0, 7.0])
@@ -85,14 +69,3 @@ def test_weights_interpolate_linearly():
 def test_a_tile_without_a_pixel_is_refused(centres):
     with pytest.raises(InputError, match="must lie within the picture's 64 px, a pixel or more apart, got 3 from"):
         Tiling.plan(np.array(centres), 64, 1, 0, periodic=False)
-
-
-@pytest.mark.parametrize("excess", [0.038, 0.16])
-def test_fast_lengths_are_even_bounded(excess):
-    for minimum in range(2, 3000, 7):
-        length = fast_length(minimum, excess=excess)
-        assert length % 2 == 0
-        assert minimum <= length <= max(minimum * (1 + excess), minimum + 2)
-    # Of 1554 to 1611, only 1600 = 2^6 5^2 fills vectors of 16 without a factor above 5.
-    assert fast_length(1553, excess=0.038) == 1600
-    assert fast_length(243, excess=0.16) == 256

@@ -11,7 +11,6 @@ from rsdeblur.deconv import unknown_border
 from rsdeblur.deconv.coupling import TO_PICTURE
 from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic
 from rsdeblur.simulation.scene import scene
-from tests.installed import PRIORS
 
 # Rows and columns of a picture that repeats, and those of them that were recorded.
 SHAPE, RECORDED = (18, 20), (12, 13)
@@ -70,15 +69,6 @@ def test_what_is_consistent_stays_as_it_is() -> None:
     np.testing.assert_allclose(plan.solve(0.1, None), 0.4, atol=1e-5)
 
 
-def test_any_number_of_threads_gives_the_same_bits() -> None:
-    results = []
-    for threads in (1, 3):
-        plan = solver(threads)
-        plan.prepare(guess(1))
-        results.append(plan.solve(0.05, None))
-    np.testing.assert_array_equal(*results)
-
-
 @pytest.fixture(scope="module")
 def blurred() -> tuple[np.ndarray, np.ndarray]:
     """Return a sharp picture and a blurred one with a little noise; the blur brings in light from beyond the frame."""
@@ -88,7 +78,7 @@ def blurred() -> tuple[np.ndarray, np.ndarray]:
     return wide[inside], (ndimage.convolve(wide, STREAK) + noise)[inside].astype(np.float32)
 
 
-@pytest.mark.parametrize("prior", [prior for prior in PRIORS if prior != "wiener"])
+@pytest.mark.parametrize("prior", ["tv", "wavelet"])
 def test_it_is_better_than_any_continuation(blurred: tuple[np.ndarray, np.ndarray], prior: str) -> None:
     sharp, picture = blurred
 

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from rsdeblur import InputError, PsfBank
-from rsdeblur.deconv import DerivativePrior, TileQuadratic, wavelet
-from rsdeblur.deconv.wavelet import Factors, WaveletPrior, band_shape, features, frame_responses
+from rsdeblur import PsfBank
+from rsdeblur.deconv import DerivativePrior, TileQuadratic
+from rsdeblur.deconv.wavelet import Factors, WaveletPrior, band_shape, frame_responses
 from rsdeblur.estimate import Tuning, strength
-from rsdeblur.kernels.frame import HALO, LEVELS, ORIENTATIONS
 from rsdeblur.simulation.scene import scene
-from tests.oracles.frame import terms
 
 KERNEL = np.zeros((7, 9))
 KERNEL[[1, 2, 3, 4, 5], [1, 2, 4, 5, 7]] = 0.2
@@ -64,17 +60,6 @@ def test_it_beats_the_gradient_prior_of_its_weight() -> None:
     assert error(solver().apply(picture, prior=prior)) < 0.9 * error(gradient)
 
 
-def test_the_median_of_priors() -> None:
-    numbers = [np.full(band_shape(), level).ravel() for level in (1.0, 2.0, 5.0)]
-    priors = [
-        WaveletPrior(weight, tuple(values), share, SPARSE)
-        for weight, values, share in zip((3, 1, 2), numbers, (0.1, 0.9, 0.4), strict=True)
-    ]
-    middle = wavelet.median_prior(priors, 0.5)
-    assert (middle.weight, middle.variances[0], middle.noise_share) == (2.0, 2.0, 0.4)
-    assert middle.sparse == replace(SPARSE, peak=0.5)
-
-
 def test_the_variances_are_those_of_white_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(strength, "ABSORBED", 0.0)
     rng, noise, shape = np.random.default_rng(0), 0.1, (256, 256)
@@ -92,35 +77,3 @@ def test_the_variances_are_those_of_white_noise(monkeypatch: pytest.MonkeyPatch)
         found = (responses * power).sum(axis=(2, 3))
         # The coarsest level has some hundred independent values, and the spectra of the tuning fewer frequencies.
         np.testing.assert_allclose(found, expected[k], rtol=0.2)
-
-
-def test_the_responses_are_those_of_the_frame() -> None:
-    side = 2 * HALO
-    impulse = np.zeros((1, side, side))
-    impulse[0, 0, 0] = 1
-    # The adjoint of a coefficient after the coefficient itself has its squared response.
-    plain = {i: t for i, t in terms(impulse, np.ones((1, LEVELS, ORIENTATIONS))) if len(i) == 4 and i[3] == 0}
-    for (_, level, orientation, _), term in plain.items():
-        np.testing.assert_allclose(np.fft.fft2(term), frame_responses(side)[level, orientation], atol=1e-12)
-
-
-def test_the_learned_factors_keep_the_mean_and_are_interpolated() -> None:
-    factors = Factors.learned()
-    assert (np.diff(factors.ratios) > 0).all()
-    for part, count in ((factors.linear, len(factors.ratios)), (factors.piloted, 2)):
-        assert part.differences.shape == (2, len(factors.knots) + 1, count, LEVELS, 2, 3)
-        for weight, share in ((1e-3, 0.0), (0.05, 0.3), (100.0, 1.0)):
-            means, _ = part.at(features(weight, share, factors.knots))
-            np.testing.assert_allclose(means.sum(axis=1), 1, atol=1e-4)
-    for weight, expected in ((10 ** factors.knots[0] / 9, 0), (10 ** factors.knots[-1] * 9, len(factors.knots) - 1)):
-        np.testing.assert_array_equal(features(weight, 0.75, factors.knots)[[expected, -1]], (1, 0.25))
-
-
-@pytest.mark.parametrize("variances", [(1.0,), tuple(-np.ones(band_shape()).ravel())])
-def test_refusals(variances: tuple[float, ...]) -> None:
-    with pytest.raises(InputError, match="variances must be 36 numbers of at least 0"):
-        WaveletPrior(0.01, variances, 0.5, SPARSE)
-    with pytest.raises(InputError, match="kind"):
-        DerivativePrior("wavelet", 0.01)
-    with pytest.raises(InputError, match="noise_share must be"):
-        WaveletPrior(0.01, tuple(np.ones(band_shape()).ravel()), 1.5, SPARSE)

@@ -10,11 +10,7 @@ import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import Camera, Exposure, InputError, deblur, simulate
-from rsdeblur.estimate import QualityCheck
-from rsdeblur.estimate.check import CLEARER, _not_refuted, _with_verdict
-from rsdeblur.estimate.motion_evidence import SIZES, MotionEvidence
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.image.undershoot import UndershootMeter
 from rsdeblur.pipeline.steps import fall_back
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -111,19 +107,6 @@ def test_pictures_without_detail_are_not_judged_and_give_no_warnings(capture):
         assert "no detail" in check.reasons[0]
 
 
-def test_the_sharp_picture_refutes_straight_blurs_and_sizes_only():
-    """And only those that lead."""
-    means = {"straight": -3.0, "0.5 times": -2.0, "1.4 times": 2.0, "mirrored": -2.0}
-
-    def left(more):
-        return set(_not_refuted(MotionEvidence(clearer=lambda names, _: [more] * len(names)), means, None))
-
-    assert left(0.0) == set(means)
-    assert left(0.015) == set(means) - {"straight"}
-    assert left(0.03) == {"1.4 times", "mirrored"}
-    assert set(CLEARER) == {"straight", *(f"{size:g} times" for size in SIZES)}
-
-
 def test_fallback_blends_only_where_it_is_bad(capture, restored):
     blurred, log, camera, exposure = capture
     light = blurred.clip(0, 1)
@@ -160,19 +143,3 @@ def test_fallback_does_no_harm(pictures, restored):
         # Measured: 2.4 to 5.8 dB below the input. The whole picture is bad, so the input is returned.
         assert harmed < before - 1
         assert saved > before - 0.1
-
-
-def test_slabs_are_measured_like_the_whole():
-    light = np.random.default_rng(0).normal(0.2, 0.3, (2, 50, 40, 3)).astype(np.float32)
-    whole, slabs = UndershootMeter(50), UndershootMeter(50)
-    for meter, parts in ((whole, [slice(0, 50)]), (slabs, [slice(0, 17), slice(17, 50)])):
-        for rows in parts:
-            meter.before(light[0, rows], rows)
-            meter.after(2 * light[1, rows], rows)
-    assert whole.ringing() == slabs.ringing()
-
-
-@pytest.mark.parametrize(("turn", "verdict"), [(-0.04, "good"), (-0.02, "doubtful")])
-def test_motion_that_is_clearer_than_half_a_turn_may_ring_more(turn, verdict):
-    check = QualityCheck("cannot tell", (), 1.0, "still", 0.08, 1.0, 0.1, turn, (), ())
-    assert _with_verdict(check).verdict == verdict

@@ -50,13 +50,6 @@ def test_a_wrong_psf_is_noticed(blurred: np.ndarray) -> None:
     assert across > 10 * right
 
 
-def test_light_in_another_unit_has_noise_in_that_unit(blurred: np.ndarray) -> None:
-    bank = PsfBank(line(7), [100], [140])
-    one, many = (measure_floors(np.float32(scale) * blurred, bank) for scale in (1.0, 2.0**100))
-    np.testing.assert_allclose(many.octave_noise, 2.0**100 * np.array(one.octave_noise), rtol=1e-5)
-    assert many.path_error == pytest.approx(one.path_error, rel=1e-5)
-
-
 @pytest.mark.parametrize("shape", [(63, 200, 1), (200, 200, 1)])
 def test_what_cannot_be_measured(shape: tuple[int, int, int]) -> None:
     even = np.full(shape, 0.5, np.float32)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from rsdeblur.estimate.noise import gradient_energy, halved, noise_level, noise_spectrum, overall_noise
+from rsdeblur.estimate.noise import gradient_energy, noise_level
 from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.simulation.scene import scene
 
@@ -50,30 +50,8 @@ def test_noise_that_was_smoothed_is_still_noticed(clean: np.ndarray) -> None:
     assert 0.005 < noise_level(smoothed) < 0.03
 
 
-def test_white_noise_has_an_even_spectrum() -> None:
-    np.testing.assert_allclose(noise_spectrum((0.1, 0.1, 0.1), 30), 0.01)
-    assert overall_noise((0.1, 0.1, 0.1)) == pytest.approx(0.1)
-
-
-def test_the_spectrum_of_noise_adds_up_to_its_variance() -> None:
-    octaves = 0.05, 0.02, 0.01
-    # Octaves are discs, whose share of a grid differs from that of the plane by up to 2 %.
-    assert noise_spectrum(octaves, 256).mean() == pytest.approx(overall_noise(octaves) ** 2, rel=0.02)
-
-
-def test_energy_of_a_slope() -> None:
-    # At half the size, steps are twice as large; the last row and column have no next.
-    slope = np.ascontiguousarray(np.broadcast_to(0.01 * np.arange(50, dtype=np.float32)[None, :, None], (40, 50, 1)))
-    assert gradient_energy(slope) == pytest.approx(0.02**2 * 24 / 25, rel=1e-4)
-
-
 @pytest.mark.parametrize("shape", [(1, 1, 1), (1, 9, 3), (2, 2, 1), (3, 4, 3), (65, 2, 1)])
 def test_tiny_pictures_have_a_level(shape: tuple[int, ...]) -> None:
     picture = np.random.default_rng(0).random(shape, dtype=np.float32)
     assert noise_level(picture) >= 0.0
     assert np.isfinite(gradient_energy(picture))
-
-
-def test_halving_averages() -> None:
-    picture = np.arange(5 * 6, dtype=np.float32).reshape(5, 6, 1)
-    np.testing.assert_allclose(halved(picture)[..., 0], [[3.5, 5.5, 7.5], [15.5, 17.5, 19.5]])

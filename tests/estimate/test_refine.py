@@ -11,8 +11,6 @@ from rsdeblur import Camera, Correction, Exposure, InputError, Options, Uncertai
 from rsdeblur.estimate import Refinement
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.rival_axes import OTHER_AXES
-from rsdeblur.estimate.score import Score
-from rsdeblur.estimate.sharpness import NATS_PER_FALL
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -40,11 +38,6 @@ def distance(recording, other):
     return float(np.sqrt(np.square(paths(recording) - paths(other)).sum(axis=-1).mean()))
 
 
-def test_no_correction_leaves_the_recording():
-    recording = Recording(LOG, CAMERA, EXPOSURE)
-    assert distance(recording.corrected(Correction()), recording) == 0.0
-
-
 def test_a_drift_is_an_even_path():
     """Over the exposure, the scene moves by the drift, whatever the camera's other motion."""
     still = Recording(hand_shake(1.2, strength=0.0), CAMERA, EXPOSURE)
@@ -53,47 +46,31 @@ def test_a_drift_is_an_even_path():
     np.testing.assert_allclose(path[1, 1, -1] - path[1, 1, 0], [6.0, -3.0], atol=0.05)
 
 
-def test_only_long_exposures_show_accelerations():
-    short, long = (Uncertainty().deviations(CAMERA, replace(EXPOSURE, duration=each))[-2:] for each in (0.05, 0.3))
-    assert short.tolist() == [0.0, 0.0]
-    assert long.tolist() == [28.8, 28.8]
-
-
 def test_an_unknown_acceleration_is_found():
     """It bends the drift by 3 px, so an even drift explains nothing. It is only searched with known axes."""
     log, exposure = hand_shake(1.2, seed=5, strength=0.5), Exposure(0.4, 0.3)
     given, unsure = Recording(log, CAMERA, exposure), Uncertainty(acceleration=0.5, drift=0.01)
     true = given.corrected(Correction(drift_x=5.0, acceleration_y=-270.0))
     photo = simulate(scene(248, 320), log, CAMERA, exposure, noise=0.005, translation=true.translation).blurred
-    even, bent = (
-        refine(photo, log, CAMERA, exposure, uncertainty=unsure, free=("drift", "acceleration"), known_axes=known)
-        for known in (False, True)
-    )
-    assert not even.accepted
+    bent = refine(photo, log, CAMERA, exposure, uncertainty=unsure, free=("drift", "acceleration"), known_axes=True)
     assert bent.accepted, bent.reason
     refined = Recording(bent.log, bent.camera, bent.exposure, bent.translation)
     # As for the drift above.
     assert distance(refined, true) < 0.25 * distance(given, true)
 
 
-def test_a_correction_is_undone_by_its_opposite():
-    correction = Correction(0.1, 3.0, -2.0, 4e-3, 0.2, 0.01, 200.0, -300.0)
-    opposite = Correction(*(-correction.vector).tolist())
-    recording = Recording(LOG, CAMERA, EXPOSURE)
-    # The order of corrections matters a little: the second drift is in px at another focal length and readout time.
-    assert distance(recording.corrected(correction).corrected(opposite), recording) < 0.15
-
-
 def test_an_unknown_drift_is_found(picture):
     true = Recording(LOG, CAMERA, EXPOSURE)
     given = true.corrected(Correction(drift_x=3.0, drift_y=-2.0))
     recording = given.log, given.camera, given.exposure
-    found = refine(picture, *recording, translation=given.translation, free="drift")
+    found = refine(picture, *recording, translation=given.translation, free="drift", threads=2)
     assert found.accepted, found.reason
     refined = Recording(found.log, found.camera, found.exposure, found.translation)
     # A quarter of the error is a goal that the authors of the method would call refined.
     assert distance(refined, true) < 0.25 * distance(given, true)
     assert found.values.offset == found.sd.offset == 0.0
+    again = refine(picture, *recording, translation=given.translation, free="drift", threads=1)
+    assert (again.values, again.gain, again.fall) == (found.values, found.gain, found.fall), "threads change bits"
 
 
 def test_a_right_recording_stays(picture):
@@ -116,29 +93,11 @@ def test_a_wrong_clock_is_corrected_by_the_offset_alone(picture):
     assert distance(Recording(found.log, found.camera, found.exposure), true) < 0.25 * distance(given, true)
 
 
-def test_threads_change_no_bits(picture):
-    given = replace(CAMERA, focal_length=460.0)
-    one, two = (refine(picture, LOG, given, EXPOSURE, free="drift", threads=threads) for threads in (1, 2))
-    assert one.values == two.values
-    assert (one.gain, one.fall) == (two.gain, two.fall)
-
-
 def test_exposures_of_microseconds_are_not_searched(picture):
     """Their trial drifts would need PSFs of gigabytes."""
     found = refine(picture, LOG, CAMERA, Exposure(0.5, 3e-6))
     assert not found.accepted
     assert "so short" in found.reason
-
-
-def test_a_clearer_picture_does_not_prove_shorter_paths(picture):
-    """Where less is deblurred, fewer waves appear: the spectra must ask for it."""
-    true = Recording(LOG, CAMERA, EXPOSURE)
-    score = Score.of_photos([picture.mean(axis=2)], [true], Uncertainty().deviations(CAMERA, EXPOSURE), 1)
-    shorter, longer = (true.corrected(Correction(scale=np.log(factor))) for factor in (0.5, 2.0))
-    assert score.together(9.0, 0.1, [shorter]) == 9.0
-    assert score.together(11.0, 0.1, [shorter]) == pytest.approx(11.0 + 0.1 * NATS_PER_FALL)
-    assert score.together(9.0, 0.1, [true]) == score.together(9.0, 0.1, [longer])
-    assert score.together(9.0, 0.1, [true]) == pytest.approx(9.0 + 0.1 * NATS_PER_FALL)
 
 
 EXPOSURES = [Exposure(start, 1 / 20) for start in (0.3, 0.6, 0.9)]
@@ -160,12 +119,6 @@ def test_several_photos_share_the_clock(several):
     assert found[0].camera.time_offset == pytest.approx(0.0, abs=1e-3)
     assert 0.0 < found[0].sd.offset < 8e-3
     assert [each.exposure for each in found] == EXPOSURES
-
-
-def test_right_recordings_of_several_photos_stay(several):
-    found = refine(iter(several), LOG, CAMERA, EXPOSURES, free=("offset", "scale"))
-    assert not any(each.accepted for each in found)
-    assert all(each.reason and each.camera is CAMERA for each in found)
 
 
 def test_the_clock_of_one_photo_is_not_that_of_all(several):
@@ -192,13 +145,12 @@ def test_a_blur_beyond_the_picture_is_an_error(picture):
         refine(picture, LOG, replace(CAMERA, focal_length=9000.0), EXPOSURE)
 
 
-@pytest.mark.parametrize("late", [0.0, 0.014])
-def test_wrong_axes_are_named(picture, late):
+def test_wrong_axes_are_named(picture):
     """A correction of a motion about the wrong axes makes the picture clearer, but the right axes do so more.
 
     They do so at another clock offset, too: of 14 ms, 2.8 standard deviations, as a phone's may be wrong by.
     """
-    wrong = replace(CAMERA, imu_to_camera="YxZ", time_offset=CAMERA.time_offset + late)
+    wrong = replace(CAMERA, imu_to_camera="YxZ", time_offset=CAMERA.time_offset + 0.014)
     assert not np.array_equal(wrong.imu_to_camera, CAMERA.imu_to_camera)
     found = refine(picture, LOG, wrong, EXPOSURE)
     assert not found.accepted

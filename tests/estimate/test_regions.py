@@ -9,7 +9,7 @@ import pytest
 
 from rsdeblur import Camera, Correction, Exposure, simulate
 from rsdeblur.estimate.correction import Recording, Uncertainty
-from rsdeblur.estimate.regions import FACTORS, NATS_PER_SQUARE, DriftByRegion, _alike, with_factors
+from rsdeblur.estimate.regions import DriftByRegion, with_factors
 from rsdeblur.estimate.score import Score
 from rsdeblur.estimate.sharpness import TILES
 from rsdeblur.motion.paths import BlurPaths
@@ -28,15 +28,6 @@ def span(recording, row, col):
     return path[-1] - path[0]
 
 
-def test_even_factors_are_one_drift():
-    recording = Recording(LOG, CAMERA, EXPOSURE)
-    bent = replace(DRIFT, acceleration_x=900.0)
-    even = with_factors(recording, bent, np.full(TILES, 1.5), CENTRES)
-    longer = recording.corrected(Correction(*(1.5 * bent.vector).tolist()))
-    for place in ((10, 20), (300, 400)):
-        np.testing.assert_allclose(span(even, *place), span(longer, *place), rtol=1e-6, atol=1e-6)
-
-
 @pytest.mark.parametrize("direction", ["top-down", "left-right"])
 def test_factors_hold_in_the_upright_picture(direction):
     camera = replace(CAMERA, readout_direction=direction)
@@ -49,36 +40,6 @@ def test_factors_hold_in_the_upright_picture(direction):
         place = [at[n] * side for at, n, side in zip(CENTRES, region, (upright.height, upright.width), strict=True)]
         # The map spans the picture from its first to its last pixel, which is half a pixel less on either side.
         np.testing.assert_allclose(span(moved, *place), factor * span(whole, *place), rtol=0.02)
-
-
-def test_no_region_could_do_better_alone():
-    """Nor is one factor for all better."""
-    rows, cols = np.indices(TILES)
-    for seed in range(5):
-        costs = np.random.default_rng(seed).normal(0.0, 3.0, (len(FACTORS), *TILES))
-
-        def cost(labels, costs=costs):
-            at = FACTORS[labels]
-            apart = sum(np.minimum(np.square(np.diff(at, axis=axis)), 4.0).sum() for axis in (0, 1))
-            return costs[labels, rows, cols].sum() + NATS_PER_SQUARE * apart
-
-        labels, least = _alike(costs, FACTORS)
-        assert least == pytest.approx(cost(labels))
-        others = [np.full(TILES, label) for label in range(len(FACTORS))]
-        for place in np.ndindex(TILES):
-            for label in range(len(FACTORS)):
-                other = labels.copy()
-                other[place] = label
-                others.append(other)
-        assert least <= min(map(cost, others)) + 1e-9  # rounding
-
-
-def test_alike_costs_leave_all_regions_as_they_are():
-    costs = np.ones((len(FACTORS), *TILES))
-    costs[4] = 0.0
-    labels, cost = _alike(costs, FACTORS)
-    assert (labels == 4).all()
-    assert cost == 0.0
 
 
 @pytest.fixture(scope="module", params=[1.0, 3.0])
@@ -115,11 +76,3 @@ def test_two_depths_are_found_and_one_is_left(found):
         assert best.factors[:, 3].mean() > 2.0 * best.factors[:, 0].mean()
         assert best.score > score.of(DRIFTED)
     assert by_region.best([place(offset=0.01)], over=None) is None
-
-
-def test_even_factors_score_as_much_as_one_drift(found):
-    _, score, by_region = found
-    even, one = by_region.corrected(np.ones(TILES), DRIFTED), score.corrected(DRIFTED)
-    # The paths differ by rounding, of the map of depths among others.
-    np.testing.assert_allclose([even.gain, even.score], [one.gain, one.score], rtol=1e-3)
-    np.testing.assert_allclose(even.fall, one.fall, atol=1e-4)

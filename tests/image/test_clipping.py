@@ -54,14 +54,6 @@ def test_floats_beyond_one_are_not_clipped_at_one() -> None:
     np.testing.assert_array_equal(limited, sharp)
 
 
-def test_threads_give_the_same_bits() -> None:
-    sharp, photo = pictures()
-    one, other = sharp.copy(), sharp.copy()
-    for limited, threads in ((one, 1), (other, 3)):
-        keep_colours_near_clipped(limited, EncodedImage(photo, "srgb"), 0, SIZE, threads=threads)
-    np.testing.assert_array_equal(one, other)
-
-
 def test_a_coloured_photo_that_is_overexposed_gains_and_linear_filters_stay_linear(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -31,27 +31,12 @@ def test_the_camera_follows():
     np.testing.assert_allclose(centre, camera.principal_point, atol=1e-3)
 
 
-@pytest.mark.parametrize("channels", [(), (1,), (2,), (3,), (4,)])
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float64])
-def test_constants_stay(channels, dtype):
-    value, peak = (0.25, 1) if dtype == np.float64 else (np.iinfo(dtype).max // 4, np.iinfo(dtype).max)
-    small, _ = reduced(np.full((90, 120, *channels), value, dtype=dtype), CAMERA, 31)
-    assert small.shape == (23, 31, *channels)
-    assert small.dtype == np.float32
-    np.testing.assert_allclose(small, value / peak, rtol=1e-6)
-
-
 @pytest.mark.parametrize("channels", [1, 2, 3, 4])
 def test_grey_is_the_mean_light_without_alpha(channels):
     values = np.random.default_rng(0).integers(0, 256, (9, 7, channels), dtype=np.uint8)
     encoded = EncodedImage.of(values, "srgb")
     # Rounding of sums of three values up to 1.
     np.testing.assert_allclose(encoded.grey(slice(2, 8)), encoded.linear(slice(2, 8)).mean(axis=2), atol=1e-6)
-
-
-def test_the_order_of_bytes_does_not_matter():
-    values = np.arange(12, dtype=np.uint16).reshape(3, 4)
-    np.testing.assert_array_equal(EncodedImage.of(values.astype(">u2")).values, EncodedImage.of(values).values)
 
 
 @pytest.mark.parametrize("transfer", ["auto", "linear", "srgb"])

@@ -50,19 +50,6 @@ def test_dark_pictures_fade_as_bright_ones(peak: float) -> None:
     np.testing.assert_array_equal(dark, peak * light)
 
 
-@pytest.mark.parametrize("first", [0, 8])
-def test_parts_and_threads_give_the_same_picture(first: int) -> None:
-    sharp, encoded = pictures()
-    sharp[40:44] = -0.3
-    whole, part, other = sharp.copy(), sharp[first:].copy(), sharp.copy()
-    fade_undershoot(whole, encoded, 0, SIZE, threads=1)
-    fade_undershoot(other, encoded, 0, SIZE, threads=3)
-    np.testing.assert_array_equal(other, whole)
-    fade_undershoot(part, encoded, first, SIZE)
-    # Parts that begin elsewhere have other cells, of 1 px here; what is left is rounding.
-    np.testing.assert_allclose(part, whole[first:], atol=1e-5)
-
-
 def test_a_wrong_motion_leaves_no_black_stripes_and_a_right_one_loses_nothing() -> None:
     camera, exposure, log = Camera(192, 144, 260.0), Exposure(0.2, 0.05), hand_shake(0.5, seed=4)
     blurred, _, rolling = simulate(0.05 + 0.95 * scene(184, 232), log, camera, exposure, noise=0.004)

@@ -3,31 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from rsdeblur.kernels.clipping import extremes, limit
-from tests.oracles.clipping import extremes_numpy, limit_numpy
-
-
-@pytest.mark.parametrize("channels", [1, 3])
-@pytest.mark.parametrize("wide", [1, 4, 7, 19, 40])
-def test_twins_agree(wide, channels):
-    random = np.random.default_rng(wide)
-    rows = random.uniform(-0.1, 1.2, (9, 19, channels)).astype(np.float32)
-    one, other = np.empty((2, 2, -(-19 // wide), channels + 1), np.float32)
-    for measure, extreme in ((extremes, one), (extremes_numpy, other)):
-        measure(np.sqrt(np.abs(rows)), wide, *extreme)
-    # Rounding of float32, here and below.
-    np.testing.assert_allclose(one, other, atol=1e-6)
-
-    cells = 4, -(-19 // wide)
-    weight = np.clip(random.random(cells, dtype=np.float32) * 2 - 1, 0, 1)
-    least = random.uniform(-0.2, 0.5, (*cells, channels + 1)).astype(np.float32)
-    changed = rows.copy()
-    for top in (0, 5):
-        limit(changed, top, 5, wide, weight, least, least + np.float32(0.2))
-        limit_numpy(rows, top, 5, wide, weight, least, least + np.float32(0.2))
-        np.testing.assert_allclose(changed, rows, atol=2e-6)
+from rsdeblur.kernels.clipping import limit
 
 
 def test_what_is_within_its_limits_or_has_no_weight_keeps_its_bits():

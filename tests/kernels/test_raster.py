@@ -1,4 +1,4 @@
-"""Laws of the rasteriser, on the Numba kernel and on its NumPy twin."""
+"""Laws of the rasteriser."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from rsdeblur.kernels.raster import rasterize
-from tests.oracles.raster import rasterize_numpy
 
 HALF_HEIGHT, HALF_WIDTH = 9, 12
 
@@ -15,9 +14,8 @@ HALF_HEIGHT, HALF_WIDTH = 9, 12
 ATOL = 2e-7
 
 
-@pytest.fixture(params=[rasterize, rasterize_numpy], ids=["numba", "numpy"])
-def raster(request):
-    return lambda path: request.param(np.array(path, dtype=np.float64)[None], HALF_HEIGHT, HALF_WIDTH)[0]
+def raster(path):
+    return rasterize(np.array(path, dtype=np.float64)[None], HALF_HEIGHT, HALF_WIDTH)[0]
 
 
 def random_paths(count=30, samples=17, seed=0):
@@ -42,15 +40,8 @@ def time_mean(path):
     return 0.5 * (path[1:] + path[:-1]).mean(axis=0)
 
 
-def test_numba_equals_numpy():
-    paths = random_paths()
-    np.testing.assert_allclose(
-        rasterize(paths, HALF_HEIGHT, HALF_WIDTH), rasterize_numpy(paths, HALF_HEIGHT, HALF_WIDTH), rtol=0, atol=ATOL
-    )
-
-
-@pytest.mark.parametrize("path", random_paths(6))
-def test_energy_is_one_and_none_is_negative(raster, path):
+@pytest.mark.parametrize("path", random_paths(3))
+def test_energy_is_one_and_none_is_negative(path):
     kernel = raster(path)
     assert kernel.shape == (2 * HALF_HEIGHT + 1, 2 * HALF_WIDTH + 1)
     assert kernel.dtype == np.float32
@@ -58,26 +49,26 @@ def test_energy_is_one_and_none_is_negative(raster, path):
     assert kernel.min() >= 0
 
 
-@pytest.mark.parametrize("path", random_paths(6, seed=1))
-def test_centroid_is_the_mean_over_time(raster, path):
+@pytest.mark.parametrize("path", random_paths(3, seed=1))
+def test_centroid_is_the_mean_over_time(path):
     # Bilinear weights keep the centroid; float32 rounds by 6e-8 of a reach below 12 px.
     np.testing.assert_allclose(centroid(raster(path)), time_mean(path), rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize(("x", "y"), [(0, 0), (5, -3), (-11, 8)])
-def test_a_point_on_a_pixel_is_a_delta(raster, x, y):
+def test_a_point_on_a_pixel_is_a_delta(x, y):
     kernel = raster([[x, y], [x, y]])
     expected = np.zeros_like(kernel)
     expected[HALF_HEIGHT + y, HALF_WIDTH + x] = 1.0
     np.testing.assert_array_equal(kernel, expected)
 
 
-def test_a_point_between_pixels_is_bilinear(raster):
+def test_a_point_between_pixels_is_bilinear():
     kernel = raster([[2.25, -1.5], [2.25, -1.5]])
     np.testing.assert_allclose(kernel[7:9, 14:16], [[0.375, 0.125], [0.375, 0.125]], atol=ATOL)
 
 
-def test_a_straight_path_is_integrated_exactly(raster):
+def test_a_straight_path_is_integrated_exactly():
     # An inner pixel gets the integral of its tent, one share; the end pixels get half a share.
     kernel = raster([[-4, 0], [4, 0]])
     row = np.array([0.5, *[1.0] * 7, 0.5]) / 8
@@ -86,9 +77,9 @@ def test_a_straight_path_is_integrated_exactly(raster):
     np.testing.assert_allclose(raster([[0, 0], [1, 1]])[9:11, 12:14], [[1 / 3, 1 / 6], [1 / 6, 1 / 3]], atol=ATOL)
 
 
-@pytest.mark.parametrize("parts", [2, 3, 7])
-@pytest.mark.parametrize("path", random_paths(4, seed=2))
-def test_splitting_segments_changes_nothing(raster, path, parts):
+@pytest.mark.parametrize("parts", [2, 7])
+@pytest.mark.parametrize("path", random_paths(3, seed=2))
+def test_splitting_segments_changes_nothing(path, parts):
     # Every segment is cut into equal parts, so times stay even.
     knots = np.arange(len(path))
     fine = np.linspace(0, len(path) - 1, parts * (len(path) - 1) + 1)
@@ -96,18 +87,9 @@ def test_splitting_segments_changes_nothing(raster, path, parts):
     np.testing.assert_allclose(raster(split), raster(path), rtol=0, atol=ATOL)
 
 
-@pytest.mark.parametrize("path", random_paths(4, seed=3))
-def test_mirrors_and_time_reversal(raster, path):
+@pytest.mark.parametrize("path", random_paths(3, seed=3))
+def test_mirrors_and_time_reversal(path):
     kernel = raster(path)
     np.testing.assert_allclose(raster(path * [-1, 1]), kernel[:, ::-1], rtol=0, atol=ATOL)
     np.testing.assert_allclose(raster(path * [1, -1]), kernel[::-1], rtol=0, atol=ATOL)
     np.testing.assert_allclose(raster(path[::-1]), kernel, rtol=0, atol=ATOL)
-
-
-def test_reaches_the_edge_of_the_kernel():
-    # Any reach below the half size fits: the splat needs one pixel beyond the floor of the position.
-    paths = np.array([[[-3.999, -2.999], [3.999, 2.999]]])
-    for function in (rasterize, rasterize_numpy):
-        kernel = function(paths, 3, 4)[0]
-        assert kernel.sum(dtype=np.float64) == pytest.approx(1, abs=1e-6)
-        np.testing.assert_allclose(kernel, kernel[::-1, ::-1], atol=ATOL)

@@ -6,20 +6,11 @@ import numpy as np
 import pytest
 
 from rsdeblur.kernels.resample import sample, to_spline
-from tests.oracles.resample import sample_numpy, to_spline_numpy
-
-HEIGHT, WIDTH = 24, 31
+from tests.oracles.resample import to_spline_numpy
 
 
-@pytest.fixture
-def coefficients() -> np.ndarray:
-    picture = np.random.default_rng(0).uniform(size=(HEIGHT, WIDTH, 3)).astype(np.float32)
-    to_spline(picture)
-    return picture
-
-
-@pytest.mark.parametrize("shape", [(24, 31, 3), (300, 7, 1), (1, 90, 4), (2, 2, 2)])
-def test_coefficients_of_numba_and_numpy_agree(shape: tuple[int, int, int]) -> None:
+@pytest.mark.parametrize("shape", [(300, 7, 1), (1, 90, 4), (2, 2, 2)])
+def test_coefficients_are_those_of_scipy(shape: tuple[int, int, int]) -> None:
     picture = np.random.default_rng(2).uniform(size=shape).astype(np.float32)
     got, expected = picture.copy(), picture.copy()
     to_spline(got, threads=1)
@@ -29,18 +20,6 @@ def test_coefficients_of_numba_and_numpy_agree(shape: tuple[int, int, int]) -> N
     shared = picture.copy()
     to_spline(shared, threads=3)
     np.testing.assert_array_equal(shared, got)
-
-
-def test_numba_and_numpy_agree_also_beyond_the_edges(coefficients: np.ndarray) -> None:
-    rng = np.random.default_rng(1)
-    x, y = (rng.uniform(-40, n + 40, (15, 17)).astype(np.float32) for n in (WIDTH, HEIGHT))
-    x[3, 4] = np.nan
-    y[5, 6] = 1e12
-    got = sample(coefficients, x, y)
-    # float32 sums of 36 terms.
-    np.testing.assert_allclose(got, sample_numpy(coefficients, x, y), atol=1e-5)
-    np.testing.assert_array_equal(sample(coefficients, x, y, 3), got)
-    assert np.argwhere(np.isnan(got[..., 0])).tolist() == [[3, 4], [5, 6]]
 
 
 def test_polynomials_of_the_degree_of_the_spline_are_exact() -> None:

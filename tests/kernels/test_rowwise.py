@@ -88,9 +88,9 @@ def term(weights, n):
 
 
 # Weights of the first and of the second differences.
-PENALTIES = [(0.0, 0.0), (0.3, 0.0), (0.2, 0.1)]
+PENALTIES = [(0.0, 0.0), (0.2, 0.1)]
 # Numbers of channels below and above the block of three.
-CASES = [(20, 7, 3), (50, 16, 1), (33, 9, 2), (7, 3, 4), (9, 1, 5)]
+CASES = [(50, 16, 1), (7, 3, 4), (9, 1, 5)]
 
 
 @pytest.mark.parametrize(("rows", "tallest", "channels"), CASES)

@@ -45,7 +45,7 @@ def either(request):
     return in_blocks(getattr(shrink, request.param))
 
 
-@pytest.fixture(params=[(19, 23, 3), (19, 23, 1), (1, 9, 3), (9, 1, 1), (2, 2, 2)])
+@pytest.fixture(params=[(19, 23, 3), (1, 9, 1)])
 def picture(request):
     return np.random.default_rng(0).random(request.param, dtype=np.float32)
 

@@ -1,4 +1,4 @@
-"""Laws of the spread of paths over a grid, on the Numba kernel and on its NumPy twin."""
+"""Laws of the spread of paths over a grid."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from rsdeblur.kernels.spread import OVERSAMPLING, WIDTH, interpolated, spread, window_spectrum
-from tests.oracles.spread import interpolated_numpy, spread_numpy
 
 PATHS = [
     [[0.3, -0.4], [0.3, -0.4]],
@@ -18,15 +17,10 @@ PATHS = [
 GRID = (2 * 8 + WIDTH + 1, 2 * 8 + WIDTH + 1)
 
 
-def grid_of(path, kernel=spread):
+def grid_of(path):
     grid = np.full(GRID, np.nan)
-    kernel(np.array(path, dtype=np.float64), (OVERSAMPLING, OVERSAMPLING), grid)
+    spread(np.array(path, dtype=np.float64), (OVERSAMPLING, OVERSAMPLING), grid)
     return grid
-
-
-@pytest.mark.parametrize("path", PATHS)
-def test_numba_equals_numpy(path):
-    np.testing.assert_allclose(grid_of(path), grid_of(path, spread_numpy), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("path", PATHS)
@@ -46,22 +40,20 @@ def test_spectrum_is_that_of_the_path(path):
     np.testing.assert_allclose(found, expected, rtol=0, atol=4e-4)
 
 
-@pytest.mark.parametrize("interpolate", [interpolated, interpolated_numpy])
-def test_interpolated_kernels(interpolate):
+def test_interpolated_kernels():
     """They sum to 1, keep whole pixels, and transmit up to half the highest frequency."""
     paths = np.array([[[2.0, -3.0]] * 2, [[0.5, 0.25]] * 2, [[-1.3, 0.5], [2.0, 1.0]]])
-    still, between, moving = kernels = interpolate(paths, 7, 7)
+    still, between, moving = kernels = interpolated(paths, 7, 7)
     np.testing.assert_allclose(kernels.sum(axis=(1, 2)), 1, atol=1e-6)
     np.testing.assert_allclose(still, np.eye(15)[4][:, None] * np.eye(15)[9], atol=1e-6)
     waves = np.exp(-2j * np.pi * 0.25 * (np.arange(15) - 7))
     assert abs(waves @ between @ waves) == pytest.approx(1, abs=0.03)
-    np.testing.assert_allclose(moving, interpolated(paths, 7, 7)[2], atol=1e-6)
-    assert np.isnan(interpolate(paths, 6, 7)).all()
+    assert moving.max() < 0.5
+    assert np.isnan(interpolated(paths, 6, 7)).all()
 
 
-@pytest.mark.parametrize("interpolate", [interpolated, interpolated_numpy])
-def test_soft_kernels_have_the_spectrum_of_a_gaussian(interpolate):
-    kernel = interpolate(np.array([[[0.3, -0.4]] * 2]), 6, 6, 0.7)[0]
+def test_soft_kernels_have_the_spectrum_of_a_gaussian():
+    kernel = interpolated(np.array([[[0.3, -0.4]] * 2]), 6, 6, 0.7)[0]
     frequencies = np.array([0.1, 0.25])
     waves = np.exp(-2j * np.pi * np.outer(frequencies, np.arange(13) - 6))
     found = np.abs(waves @ kernel.sum(axis=0)), np.abs(waves @ kernel.sum(axis=1))

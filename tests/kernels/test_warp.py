@@ -1,4 +1,4 @@
-"""Laws of averaging over warps, on the Numba kernel and on its NumPy twin."""
+"""Laws of averaging over warps."""
 
 from __future__ import annotations
 
@@ -7,17 +7,11 @@ import pytest
 from scipy import ndimage
 
 from rsdeblur.kernels.warp import average_warps
-from tests.oracles.warp import average_warps_numpy
 
 HEIGHT, WIDTH = 24, 31
 
 # Sixteen float32 products of values below 1 with weights that sum to 1, and a float32 fraction of a pixel.
 ATOL = 2e-6
-
-
-@pytest.fixture(params=[average_warps, average_warps_numpy], ids=["numba", "numpy"])
-def average(request):
-    return request.param
 
 
 def spline(picture):
@@ -38,44 +32,22 @@ def shifts(*displacements, rows=HEIGHT):
     return warps
 
 
-def random_warps(rows=HEIGHT, samples=5):
-    """Return homographies near the identity, different for each row and time; some reach beyond the picture."""
-    rng = np.random.default_rng(1)
-    warps = np.eye(3) + rng.normal(size=(rows, samples, 3, 3)) * [[0.05, 0.05, 4], [0.05, 0.05, 4], [1e-4, 1e-4, 0.01]]
-    return warps
-
-
-@pytest.mark.parametrize(("height", "width"), [(HEIGHT, WIDTH), (3, 40), (2, 2), (1, 9), (9, 1)])
-def test_numba_equals_numpy(height, width):
-    coefficients = spline(noise(height, width, 3))
-    warps = random_warps()
-    np.testing.assert_allclose(
-        average_warps(coefficients, warps, WIDTH), average_warps_numpy(coefficients, warps, WIDTH), rtol=0, atol=1e-5
-    )
-
-
-def test_identity_returns_the_picture(average):
+def test_identity_returns_the_picture():
     picture = noise()
-    np.testing.assert_allclose(average(spline(picture), shifts((0, 0)), WIDTH), picture, atol=ATOL)
+    np.testing.assert_allclose(average_warps(spline(picture), shifts((0, 0)), WIDTH), picture, atol=ATOL)
 
 
 @pytest.mark.parametrize(("dx", "dy"), [(3, 0), (0, -5), (-40, 60)])
-def test_whole_pixels_shift_and_edges_mirror(average, dx, dy):
+def test_whole_pixels_shift_and_edges_mirror(dx, dy):
     picture = noise()
     pad = 70
     # numpy's "reflect" is the spline's "mirror": the border pixel is not repeated.
     wide = np.pad(picture, ((pad, pad), (pad, pad), (0, 0)), mode="reflect")
     expected = wide[pad + dy : pad + dy + HEIGHT, pad + dx : pad + dx + WIDTH]
-    np.testing.assert_allclose(average(spline(picture), shifts((dx, dy)), WIDTH), expected, atol=ATOL)
+    np.testing.assert_allclose(average_warps(spline(picture), shifts((dx, dy)), WIDTH), expected, atol=ATOL)
 
 
-def test_average_is_the_mean_over_time(average):
-    coefficients, warps = spline(noise()), random_warps()
-    single = [average(coefficients, warps[:, t : t + 1].copy(), WIDTH) for t in range(warps.shape[1])]
-    np.testing.assert_allclose(average(coefficients, warps, WIDTH), np.mean(single, axis=0), atol=ATOL)
-
-
-def test_a_cubic_picture_is_interpolated_exactly(average):
+def test_a_cubic_picture_is_interpolated_exactly():
     def picture(x, y):
         x, y = x / 64, y / 64
         return 0.3 + x - 0.7 * y + x * y - x**2 + y**3
@@ -86,13 +58,5 @@ def test_a_cubic_picture_is_interpolated_exactly(average):
     y1, x1 = np.mgrid[:16, :16].astype(float)
     w = warp[2, 0] * x1 + warp[2, 1] * y1 + 1
     expected = picture((0.95 * x1 + 0.05 * y1 + 23.3) / w, (-0.04 * x1 + 1.02 * y1 + 25.1) / w)
-    seen = average(spline(picture(x, y)), np.tile(warp, (16, 1, 1, 1)), 16)[..., 0]
+    seen = average_warps(spline(picture(x, y)), np.tile(warp, (16, 1, 1, 1)), 16)[..., 0]
     np.testing.assert_allclose(seen, expected, atol=ATOL)
-
-
-def test_output_may_have_another_size(average):
-    picture = noise()
-    seen = average(spline(picture), shifts((4, 3), rows=10), 12)
-    assert seen.shape == (10, 12, 2)
-    assert seen.dtype == np.float32
-    np.testing.assert_allclose(seen, picture[3:13, 4:16], atol=ATOL)

@@ -61,13 +61,6 @@ class TestSigns:
         # Second order of the angle: theta^2 / 2 times the 57 px from the centre to a corner.
         np.testing.assert_allclose(d, expected, atol=0.012)
 
-    def test_two_focal_lengths_belong_to_their_axes(self):
-        camera = Camera(WIDTH, HEIGHT, (100.0, 200.0))
-        for motion in MOTIONS:
-            d = paths_of(constant(1, 1, 0), camera, *CENTRE, motion=motion, samples=3).displacements[0, 0, -1]
-            # tan(theta) differs by a relative theta^2 = 4e-4 at most.
-            np.testing.assert_allclose(d, [-2.0, 4.0], rtol=1e-3)
-
     @pytest.mark.parametrize("scale", [1.0, 0.1])
     def test_small_angle_is_the_limit_of_the_rotation_at_the_centre(self, shaky_log, scale):
         log = shaky_log()
@@ -110,19 +103,6 @@ class TestAnchor:
             row = brentq(lambda row, shown=shown: shown(row)[1] - row, -30.0, 100.0, xtol=1e-10)
             # Three steps of the iteration leave (speed x line time)^3 of the path, here at most 0.1^3 of 3 px.
             np.testing.assert_allclose(paths.displacements[b, s, t], [x, y] - shown(row), atol=3e-3)
-
-    def test_readout_shifts_the_window_down_the_picture(self, shaky_log):
-        # Row y of a rolling shutter moves like the whole picture of a global shutter that opens readout * y / H later.
-        log, rolling = shaky_log(), camera_of(0.03)
-        row = 48.0
-        later = EXPOSURE.shifted(0.03 * row / HEIGHT)
-        a = paths_of(log, rolling, np.array([row]), CENTRE[1], motion="small-angle", samples=11)
-        b = paths_of(log, camera_of(0.0), np.array([row]), CENTRE[1], later, motion="small-angle", samples=11)
-        np.testing.assert_allclose(a.displacements, b.displacements, atol=1e-9)
-
-    def test_small_angle_is_the_same_over_the_width(self, shaky_log):
-        d = paths_of(shaky_log(), camera_of(), motion="small-angle").displacements
-        assert np.array_equal(d, np.broadcast_to(d[:, :1], d.shape))
 
 
 class TestSamples:
@@ -173,23 +153,6 @@ class TestCapture:
 
 
 class TestRowPoses:
-    def test_a_row_is_projected_with_its_own_pose(self, shaky_log):
-        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
-        world = np.random.default_rng(0).uniform([-0.3, -0.3, 0.7], [0.3, 0.3, 1.3], (5, 3))
-        for row in (0.0, 17.0, 31.5, 63.0):
-            u, v, w = capture.camera.matrix @ capture.track.at(capture.mid(np.array(row))) @ world.T
-            q = capture.row_poses.project(world, np.full(5, row))
-            exact = np.stack([u / w, v / w], axis=1)
-            np.testing.assert_allclose(q, exact, atol=1e-10 if row % 1 == 0 else BETWEEN_ROWS)
-
-    def test_rows_go_on_beyond_the_picture(self, shaky_log):
-        """A path that leaves the picture does not bend at the border."""
-        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
-        world = np.array([0.1, 0.2, 1.0])
-        for row in (-9.0, 70.0):
-            u, v, w = capture.camera.matrix @ capture.track.at(capture.mid(np.array(row))) @ world
-            np.testing.assert_allclose(capture.row_poses.project(world, np.array(row)), [u / w, v / w], atol=1e-9)
-
     def test_a_lens_whose_coefficients_are_zero_is_a_pinhole(self, shaky_log):
         """Cameras without distortion have a kernel of their own."""
         plain = camera_of()
@@ -207,8 +170,8 @@ class TestChange:
     """Changes and curvatures, from which the numbers of bands and strips follow."""
 
     @pytest.mark.parametrize("motion", MOTIONS)
-    @pytest.mark.parametrize("number", [2, 4, 8, 32])
-    @pytest.mark.parametrize("seed", range(3))
+    @pytest.mark.parametrize("number", [2, 32])
+    @pytest.mark.parametrize("seed", range(2))
     def test_neighbouring_tiles_differ_by_no_more_than_their_share_of_the_change(self, shaky_log, motion, number, seed):
         capture = Capture.from_log(shaky_log(seed=seed), camera_of(), EXPOSURE, motion=motion)
         probe = capture.probe
@@ -222,25 +185,6 @@ class TestChange:
             if number == 32:
                 # The bound is not too large: tiles as narrow as the rows of the grid have the fastest change too.
                 assert steps >= 0.95 * change / number - 1e-9
-
-    @pytest.mark.parametrize("motion", MOTIONS)
-    @pytest.mark.parametrize("tiles", [2, 4, 8])
-    @pytest.mark.parametrize("seed", range(3))
-    def test_curvature_bounds_the_error_of_interpolation_between_tiles(self, shaky_log, motion, tiles, seed):
-        capture = Capture.from_log(shaky_log(seed=seed), camera_of(), EXPOSURE, motion=motion)
-        probe = capture.probe
-        for axis, curvature, length in ((0, probe.curvature_down, HEIGHT), (1, probe.curvature_across, WIDTH)):
-            centres, grid = tile_centres(tiles, length), [probe.rows, probe.cols]
-            between = np.linspace(centres[0], centres[-1], 41)
-            coarse, true = (
-                _paths_with_the_times_of_the_probe(capture, *((places, grid[1]) if axis == 0 else (grid[0], places)))
-                for places in (centres, between)
-            )
-            weights = np.stack([np.interp(between, centres, unit) for unit in np.eye(tiles)], axis=1)
-            guess = np.moveaxis(np.tensordot(weights, coarse, axes=(1, axis)), 0, axis)
-            error = np.linalg.norm(guess - true, axis=-1).max()
-            # Curvature is measured at 33 and 9 positions, which may miss a little of the largest.
-            assert error <= 1.05 * curvature / (8 * tiles**2) + 1e-3
 
 
 def _paths_with_the_times_of_the_probe(capture, rows, cols):

@@ -65,29 +65,6 @@ class TestIntegration:
         # Without the cross product, steps of 70 ms at 3 rad/s would each err by a b / 12, about 5e-3.
         assert bound < 3e-3
 
-    def test_stays_a_rotation(self):
-        t = irregular_times(400, 2.0)
-        track = track_of(t, np.random.default_rng(2).uniform(-2.8, 2.8, (400, 3)))
-        c = track.at(np.linspace(0.0, 2.0, 999))
-        np.testing.assert_allclose(c @ c.transpose(0, 2, 1), np.broadcast_to(np.eye(3), c.shape), atol=ROUNDING)
-        np.testing.assert_allclose(np.linalg.det(c), 1.0, atol=ROUNDING)
-
-    def test_angles_are_the_integral_of_the_rates(self):
-        # Linear rates: the integral of (1, t, -2t) is (t, t^2/2, -t^2), whatever the samples.
-        t = irregular_times(7, 0.9)
-        track = track_of(t, np.stack([np.ones(7), t, -2 * t], axis=1))
-        times = np.linspace(0.0, 0.9, 31).reshape(1, 31)
-        expected = np.stack([times, times**2 / 2, -(times**2)], axis=-1)
-        np.testing.assert_allclose(track.angles(times), expected, atol=ROUNDING)
-
-    @pytest.mark.parametrize("axis", range(3))
-    def test_about_a_fixed_axis_angles_are_the_rotation(self, shaky_log, axis):
-        log = shaky_log(np.eye(3)[axis])
-        track = whole_track(log, CAMERA)
-        times = np.linspace(*log.span, 55)
-        expected = Rotation.from_rotvec(-track.angles(times)).as_matrix()
-        np.testing.assert_allclose(track.at(times), expected, atol=ROUNDING)
-
     def test_imu_axes_are_turned_into_camera_axes(self, shaky_log):
         log = shaky_log()
         turn = Rotation.from_rotvec([0.3, -1.2, 2.0]).as_matrix()

@@ -42,23 +42,8 @@ def test_the_picture_moves_against_the_camera():
         np.testing.assert_allclose(d[..., 1], 0, atol=1e-9)
 
 
-def test_only_position_over_depth_counts():
-    near, far = sway(), sway()
-    far = replace(far, position=3 * far.position + [1.0, -2.0, 5.0], depth=3 * DEPTH)
-    # The origin is arbitrary, up to rounding.
-    np.testing.assert_allclose(paths(STILL, near).displacements, paths(STILL, far).displacements, atol=1e-9)
-
-
 def to_the_right(depth):
     return Translation([0.0, 0.2], [[0, 0, 0], [0.02, 0, 0]], depth)
-
-
-@pytest.mark.parametrize("motion", ["rotation", "small-angle"])
-def test_a_map_of_one_depth_is_that_depth(shaky_log, motion):
-    log, known = shaky_log(), sway()
-    flat = replace(known, depth=np.full((3, 4), DEPTH))
-    expected = paths(log, known, motion=motion).displacements
-    np.testing.assert_allclose(paths(log, flat, motion=motion).displacements, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("motion", ["rotation", "small-angle"])
@@ -178,15 +163,3 @@ def test_an_acceleration_bends_a_drift_into_a_parabola(known) -> None:
     bend = path(4000.0, -8000.0) - path(0.0, 0.0)
     # Chords that take a 32nd of the exposure, 1.6 ms, are at most 8000 / 8 * 0.0016**2 = 0.0025 px off.
     np.testing.assert_allclose(bend - bend[32], parabola, atol=0.003)
-
-
-@pytest.mark.parametrize("depth", [DEPTH, [[0.5, 0.9, 1.5], [0.7, 0.6, 2.0]]])
-def test_a_part_of_the_picture_has_the_paths_of_the_whole(depth):
-    whole = replace(sway(), depth=depth)
-    left, top, width, height = 40, 30, 90, 80
-    part, there = CAMERA.cropped(left, top, width, height), whole.cropped(CAMERA, left, top, width, height)
-    rows, cols = np.array([0.0, 33.0, 79.0]), np.array([0.0, 45.0, 89.0])
-    inside = BlurPaths.from_capture(Capture.from_log(STILL, part, EXPOSURE, there), rows, cols, samples=21)
-    own = BlurPaths.from_capture(Capture.from_log(STILL, CAMERA, EXPOSURE, whole), rows + top, cols + left, samples=21)
-    # Between the points of the part's map of depths, which are 4 times as dense, inverse depths are interpolated.
-    np.testing.assert_allclose(inside.displacements, own.displacements, atol=1e-9 if depth is DEPTH else 0.05)

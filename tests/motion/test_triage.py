@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from xml.etree import ElementTree
-
 import numpy as np
 import pytest
 
 from rsdeblur import Camera, Exposure, GyroLog, InputError, triage
-from rsdeblur.report.timeline import timeline_svg
 
 FOCAL = 400.0
 
@@ -42,16 +39,3 @@ def test_paths_are_as_long_as_the_turn_times_the_focal_length(direction: str) ->
 def test_thresholds_must_be_in_order() -> None:
     with pytest.raises(InputError, match=r"drop must be .*at least 3"):
         triage(steady(1.0), Camera(160, 120, FOCAL), [], keep=3.0, drop=2.0)
-
-
-def test_plot_has_a_dot_for_each_exposure() -> None:
-    exposures = [Exposure(0.2, 0.01), Exposure(1.2, 0.1), Exposure(5.0, 0.1)]
-    found = triage(steady(1.0), Camera(160, 120, FOCAL), exposures)
-    root = ElementTree.fromstring(timeline_svg([0.0, 1.0, None], found))
-    dots = [dot for dot in root.iter() if dot.tag.endswith("circle") and dot.get("r") == "2.5"]
-    assert len(dots) == 2
-    assert float(dots[0].get("cx")) < float(dots[1].get("cx"))
-    # Higher is more.
-    assert float(dots[0].get("cy")) < float(dots[1].get("cy"))
-    # Nothing to draw is no error.
-    ElementTree.fromstring(timeline_svg([], triage(steady(1.0), Camera(160, 120, FOCAL), [])))

@@ -48,22 +48,21 @@ def run(image: Any = NOISE, **options: Any) -> Any:
     return deblur(image, LOG, CAMERA, EXPOSURE, **options)
 
 
-@pytest.mark.parametrize("value", [0.0, 1e-21, 1e21, 1e38, 1e39, 1e300, np.inf, np.nan])
+@pytest.mark.parametrize("value", [0.0, 1e-21, 1e21, np.inf, np.nan])
 @pytest.mark.parametrize("name", ["nsr", "weight"])
 def test_strengths_that_float32_does_not_carry_are_refused(name: str, value: float) -> None:
     with pytest.raises(InputError, match=rf"^{name} must be"):
         run(**{name: value})
 
 
-@pytest.mark.parametrize("value", [-1e-9, 2e12, 1e300, np.inf, np.nan])
+@pytest.mark.parametrize("value", [-1e-9, 2e12, np.nan])
 def test_noise_that_float32_does_not_carry_is_refused(value: float) -> None:
     for refused in (lambda: run(noise=value), lambda: deconvolve(NOISE, KERNEL, noise=value)):
         with pytest.raises(InputError, match=r"^noise must be"):
             refused()
 
 
-@pytest.mark.parametrize("options", [{}, {"border": "periodic"}, {"weight": 1e-20}, {"weight": 1e20}])
-@pytest.mark.parametrize("noise", [0.0, 1e-40, 1e12])
+@pytest.mark.parametrize(("noise", "options"), [(0.0, {}), (1e-40, {"weight": 1e-20}), (1e12, {"weight": 1e20})])
 @pytest.mark.parametrize("prior", PRIORS)
 def test_any_noise_has_a_finite_result(prior: str, noise: float, options: dict[str, Any]) -> None:
     if prior == "wiener":  # It has no weight.
@@ -71,15 +70,15 @@ def test_any_noise_has_a_finite_result(prior: str, noise: float, options: dict[s
     assert np.isfinite(deconvolve(NOISE, KERNEL, prior=prior, noise=noise, **options).image).all()
 
 
-@pytest.mark.parametrize("value", [1e-20, 1e20])
-@pytest.mark.parametrize("prior", PRIORS)
+@pytest.mark.parametrize("prior", ["wiener", "tv", "wavelet"])
 @pytest.mark.parametrize("mode", MODES)
-def test_the_largest_strengths_have_a_finite_result(mode: str, prior: str, value: float) -> None:
-    strengths = {"nsr": value} if prior == "wiener" else {"nsr": value, "weight": value}
-    assert np.isfinite(run(mode=mode, prior=prior, **strengths).image).all()
+def test_the_largest_strengths_have_a_finite_result(mode: str, prior: str) -> None:
+    for value in (1e-20, 1e20):
+        strengths = {"nsr": value} if prior == "wiener" else {"nsr": value, "weight": value}
+        assert np.isfinite(run(mode=mode, prior=prior, **strengths).image).all()
 
 
-@pytest.mark.parametrize("value", [2e12, -2e12, 3e38, 1e300, np.inf, np.nan])
+@pytest.mark.parametrize("value", [-2e12, 1e300, np.nan])
 @pytest.mark.parametrize("options", [{}, {"weight": 0.01}, {"prior": "wiener", "nsr": 0.01}, {"mode": "rowwise"}])
 def test_one_pixel_that_float32_does_not_carry_is_refused(options: dict[str, Any], value: float) -> None:
     image = NOISE.astype(np.float64)
@@ -88,14 +87,13 @@ def test_one_pixel_that_float32_does_not_carry_is_refused(options: dict[str, Any
         run(image, **options)
 
 
-@pytest.mark.parametrize("scale", [1e12, 1e-38, 1e-45])
 @pytest.mark.parametrize("prior", PRIORS)
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(("mode", "scale"), [*zip(MODES, (1e12, 1e-45, 1e12), strict=True)])
 def test_pictures_of_any_scale_have_a_finite_result(mode: str, prior: str, scale: float) -> None:
     assert np.isfinite(run(NOISE * np.float32(scale), mode=mode, prior=prior).image).all()
 
 
-@pytest.mark.parametrize("transfer", [0.0, 1e-300, 0.09, 11.0, 1e300])
+@pytest.mark.parametrize("transfer", [0.0, 0.09, 11.0])
 def test_a_gamma_that_float32_does_not_carry_is_refused(transfer: float) -> None:
     with pytest.raises(InputError, match=r"^transfer must be"):
         run(transfer=transfer)
@@ -236,7 +234,7 @@ def test_motion_that_leads_nowhere_is_refused() -> None:
         BlurPaths(broken, np.arange(float(HEIGHT)), np.zeros(1))
 
 
-@settings(derandomize=True, deadline=None, max_examples=50)
+@settings(derandomize=True, deadline=None, max_examples=25)
 @given(
     st.sampled_from(DISTORTIONS),
     st.floats(-2, 5),

@@ -10,7 +10,7 @@ from scipy import ndimage
 from skimage.metrics import peak_signal_noise_ratio
 
 import rsdeblur
-from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, RsdeblurWarning, simulate
+from rsdeblur import Camera, Exposure, GyroLog, InputError, RsdeblurWarning, simulate
 from rsdeblur.deconv import tiling
 from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.simulation import Simulation
@@ -117,14 +117,6 @@ def test_global_is_enough_for_a_global_shutter(log: GyroLog) -> None:
     assert psnr(capture.rolling, result.image) > psnr(capture.rolling, capture.blurred) + 1.5
 
 
-def test_auto_tiles_are_near_the_best(capture: Simulation, log: GyroLog) -> None:
-    def quality(bands: int | str) -> float:
-        # Noise at 60 dB needs a small nsr.
-        return psnr(capture.rolling, deblur(capture.blurred, log, CAMERA, EXPOSURE, bands=bands, nsr=0.003).image)
-
-    assert quality("auto") > max(quality(n) for n in (4, 8, 16, 32)) - 0.2
-
-
 def test_one_band_equals_global(capture: Simulation, log: GyroLog) -> None:
     one = deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="banded", bands=1, strips=1)
     whole = deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="global", bands=7, strips=3)
@@ -154,8 +146,9 @@ def test_no_motion_is_the_identity(capture: Simulation) -> None:
     np.testing.assert_allclose(exact.image, capture.blurred, atol=1e-5)
 
 
-@pytest.mark.parametrize("direction", ["left-right", "right-left", "bottom-up"])
-@pytest.mark.parametrize("mode", ["banded", "rowwise"])
+@pytest.mark.parametrize(
+    ("mode", "direction"), [("banded", "left-right"), ("rowwise", "right-left"), ("banded", "bottom-up")]
+)
 def test_readout_directions_are_one_problem_turned(
     capture: Simulation, log: GyroLog, mode: str, direction: str
 ) -> None:
@@ -175,23 +168,6 @@ def test_readout_directions_are_one_problem_turned(
     np.testing.assert_array_equal(np.rot90(turned.coverage, -turns), upright.coverage)
     kernels = np.rot90(np.rot90(turned.psfs.kernels, -turns, axes=(0, 1)), -turns, axes=(2, 3))
     np.testing.assert_allclose(kernels, upright.psfs.kernels, atol=1e-6)
-
-
-def test_psfs_are_those_of_deblur(capture: Simulation, log: GyroLog) -> None:
-    bank = psfs(log, CAMERA, EXPOSURE)
-    result = deblur(capture.blurred, log, CAMERA, EXPOSURE, nsr=0.01)
-    np.testing.assert_array_equal(bank.kernels, result.psfs.kernels)
-    np.testing.assert_array_equal(bank.centres, result.psfs.centres)
-
-
-def test_clock_origin_does_not_matter(capture: Simulation, log: GyroLog) -> None:
-    """Timestamps of a real clock, 1.7e18 ns, give the same bits."""
-    far = 1_700_000_000_123_456_789
-    shifted = GyroLog(log.t, log.omega, far)
-    exposure = Exposure(EXPOSURE.start, EXPOSURE.duration, far)
-    np.testing.assert_array_equal(
-        deblur(capture.blurred, shifted, CAMERA, exposure).image, deblur(capture.blurred, log, CAMERA, EXPOSURE).image
-    )
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (2,), (3,), (4,)])
@@ -237,14 +213,6 @@ def test_transfer_goes_both_ways(capture: Simulation, transfer: str | float) -> 
     np.testing.assert_allclose(result, picture, atol=2e-3)
 
 
-def test_small_angles_agree_for_small_motion(log: GyroLog, capture: Simulation) -> None:
-    full = psfs(log, CAMERA, EXPOSURE, mode="global")
-    paper = psfs(log, CAMERA, EXPOSURE, mode="global", motion="small-angle")
-    assert full.size == paper.size
-    # At the centre, roll and perspective vanish; 2 degrees of rotation leave a second-order change of some percent.
-    assert 0.5 * np.abs(full.kernels - paper.kernels).sum() < 0.1
-
-
 @pytest.fixture(scope="module")
 def soft() -> tuple[Simulation, GyroLog]:
     """Simulate a capture with as much detail as photographs have, at 40 dB."""
@@ -272,7 +240,7 @@ def test_auto_is_near_the_best(soft: tuple[Simulation, GyroLog]) -> None:
 
 
 @pytest.mark.parametrize("prior", PRIORS)
-@pytest.mark.parametrize("noise", [0.01, 0.03])
+@pytest.mark.parametrize("noise", [0.03])
 def test_auto_does_a_still_picture_no_harm(soft: tuple[Simulation, GyroLog], prior: str, noise: float) -> None:
     still = GyroLog([0.0, 0.3], np.full((2, 3), 0.02))  # 0.1 px during the exposure
     sharp = soft[0].rolling
@@ -342,32 +310,6 @@ def test_no_seam_between_bands(log: GyroLog, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize(
-    ("kwargs", "message"),
-    [
-        ({"mode": "magic"}, "mode must be one of auto, banded, global"),
-        ({"geometry": "flat"}, "geometry must be one of"),
-        ({"prior": "lasso"}, "prior must be one of"),
-        ({"prior": "tv", "weight": 0.0}, "weight must be greater than 0"),
-        ({"weight": "much"}, "weight must be a number"),
-        ({"exponent": 2.0}, "exponent must be at most 1"),
-        ({"solver": "lu"}, "solver must be one of"),
-        ({"motion": "paper"}, "motion must be one of"),
-        ({"border": "none"}, "border must be one of"),
-        ({"bands": 0}, "bands must be at least 1"),
-        ({"strips": 2.5}, "strips must be a whole number"),
-        ({"bands": "many"}, "bands must be a whole number"),
-        ({"nsr": -1.0}, "nsr must be greater than 0"),
-        ({"transfer": "rec709"}, "transfer must be"),
-        ({"transfer": 0.0}, "transfer must be at least 0.1"),
-        ({"threads": 0}, "threads must be at least 1"),
-    ],
-)
-def test_bad_arguments_are_refused(log: GyroLog, kwargs: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        deblur(np.zeros((160, 192)), log, CAMERA, EXPOSURE, **kwargs)
-
-
-@pytest.mark.parametrize(
     ("image", "message"),
     [
         (np.zeros((192, 160)), "turned by a quarter"),
@@ -384,11 +326,6 @@ def test_bad_arguments_are_refused(log: GyroLog, kwargs: dict[str, object], mess
 def test_bad_pictures_are_refused(log: GyroLog, image: np.ndarray, message: str) -> None:
     with pytest.raises(InputError, match=message):
         deblur(image, log, CAMERA, EXPOSURE)
-
-
-def test_log_must_cover_the_exposure(log: GyroLog, capture: Simulation) -> None:
-    with pytest.raises(CoverageError, match=r"misses .* ms at its end"):
-        deblur(capture.blurred, log, CAMERA, Exposure(0.19, 0.025))
 
 
 def test_degrees_are_suspected_and_blur_beyond_the_picture_refused(log: GyroLog, capture: Simulation) -> None:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
+from rsdeblur import Camera, Exposure, GyroLog, triage
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
 from rsdeblur.report import psf_map, side_by_side
 from rsdeblur.report.drawings import FOOTER, LONG_SIDE
+from rsdeblur.report.timeline import timeline_svg
 
 
 def bank(bands: int, strips: int, size: tuple[int, int] = (9, 15)) -> PsfBank:
@@ -36,16 +39,6 @@ def test_psf_map_draws_within_its_cells(bands: int, strips: int) -> None:
         assert red[:, left:right].any()
 
 
-def test_psf_map_puts_the_kernel_at_its_place() -> None:
-    kernel = np.zeros((1, 1, 5, 5), np.float32)
-    kernel[..., 2, 2] = 1.0
-    drawing = psf_map(PsfBank(kernel, [30.0], [120.0]), (120, 160))
-    y, x = np.argwhere(drawing[:-FOOTER, :, 0] > 0.8).mean(axis=0)
-    # The pixel (30, 120) is centred at 30.5 and 120.5 pixel widths; half a px of the drawing is rounding.
-    assert y == pytest.approx(305, abs=1.0)
-    assert x == pytest.approx(1205, abs=1.0)
-
-
 def test_psf_map_dims_the_picture_below() -> None:
     drawing = psf_map(bank(1, 1), (120, 160), picture=np.ones((120, 160), np.float32))
     assert 0.2 < drawing[5, 5].mean() < 0.5
@@ -62,23 +55,23 @@ def test_side_by_side_shows_each_picture_in_its_column() -> None:
     assert np.median(sheet[100:400, half + 100 : -100]) == pytest.approx(0.75, abs=1 / 255)
 
 
-def test_side_by_side_finds_detail_at_different_heights() -> None:
-    rng = np.random.default_rng(0)
-    quiet = np.full((120, 160), 0.5, np.float32)
-    busy = quiet.copy()
-    # One noisy patch in each third, far from the others' columns.
-    for top, left in ((10, 100), (45, 20), (80, 70)):
-        busy[top : top + 30, left : left + 40] += rng.normal(0.0, 0.1, (30, 40)).astype(np.float32)
-    sheet, blank = side_by_side({"busy": busy}), side_by_side({"quiet": quiet})
-    details = sheet[sheet.shape[0] // 3 :]
-    assert blank.shape == sheet.shape
-    # Every crop is filled with noise for the most part.
-    for part in np.array_split(details, 3):
-        assert part[50:-50, 50:-50].std() > 0.05
-
-
 def test_side_by_side_refuses_unlike_sizes_and_shapes() -> None:
     with pytest.raises(InputError, match="'b' has 80x61 px"):
         side_by_side({"a": np.zeros((60, 80), np.float32), "b": np.zeros((61, 80), np.float32)})
     with pytest.raises(InputError, match="shape"):
         side_by_side({"a": np.zeros(5, np.float32)})
+
+
+def test_the_timeline_has_a_dot_for_each_exposure() -> None:
+    exposures = [Exposure(0.2, 0.01), Exposure(1.2, 0.1), Exposure(5.0, 0.1)]
+    t, camera = np.arange(0.0, 2.0, 0.005), Camera(160, 120, 400.0)
+    # A turn of 1 rad/s about the y axis until 1 s, then rest.
+    log = GyroLog(t, np.where(t < 1.0, 1.0, 0.0)[:, None] * [0.0, 1.0, 0.0])
+    root = ElementTree.fromstring(timeline_svg([0.0, 1.0, None], triage(log, camera, exposures)))
+    dots = [dot for dot in root.iter() if dot.tag.endswith("circle") and dot.get("r") == "2.5"]
+    assert len(dots) == 2
+    assert float(dots[0].get("cx")) < float(dots[1].get("cx"))
+    # Higher is more.
+    assert float(dots[0].get("cy")) < float(dots[1].get("cy"))
+    # Nothing to draw is no error.
+    ElementTree.fromstring(timeline_svg([], triage(log, camera, [])))

@@ -14,9 +14,8 @@ from rsdeblur.errors import OutputError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.psf import PsfBank
 from rsdeblur.report import drawings, write_page
-from rsdeblur.report.figures import band_figures, findings, motion_data, telling_place
+from rsdeblur.report.figures import findings, motion_data
 from rsdeblur.report.page import render
 
 # Every way out of an element, an attribute, a comment, JSON and a template.
@@ -91,15 +90,6 @@ def test_the_best_result_and_its_verdict_come_first(report_page) -> None:
     assert 'banded: <span class="verdict note">cannot tell</span>' in judged(**unknown)
 
 
-def test_the_telling_place_is_where_detail_differs() -> None:
-    first = np.zeros((80, 100))
-    other = first + 0.3
-    other[60:70, 10:20:2] = 1.0
-    x, y = telling_place(first, other)
-    assert abs(x - 15) <= 25
-    assert abs(y - 65) <= 20
-
-
 def test_every_stage_of_deblurring_has_a_column(report_page, shaky_log) -> None:
     picture = np.random.default_rng(0).random((64, 64), dtype=np.float32)
     capture = shaky_log(), Camera(64, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.04)
@@ -164,18 +154,6 @@ def test_large_pictures_are_reduced_alike_until_they_fit(monkeypatch) -> None:
     assert all(uri.startswith("data:image/jpeg;base64,") for uri in uris)
 
 
-def test_many_kernels_are_thinned_out_evenly() -> None:
-    kernels = np.zeros((64, 3, 5, 7), np.float32)
-    kernels[..., 2, 3] = 1.0
-    data = drawings.bank_data(PsfBank.for_picture(kernels, (640, 480)))
-    assert 8 <= len(data["rows"]) < 32
-    assert len(data["cols"]) == 3
-    assert data["of"] == [64, 3]
-    (gap,) = set(np.diff(data["rows"]))
-    # In the middle, but for half of what lies between two kernels.
-    assert data["rows"][0] + data["rows"][-1] == pytest.approx(639.0, abs=gap / 2)
-
-
 @pytest.mark.parametrize("direction", ["top-down", "right-left"])
 def test_the_plot_shows_camera_axes_and_each_lines_window(shaky_log, direction) -> None:
     log = shaky_log()
@@ -193,26 +171,6 @@ def test_the_plot_shows_camera_axes_and_each_lines_window(shaky_log, direction) 
     i = np.argmin(np.abs(log.t + 0.02 - 0.15 - 1e-3 * data["t"][0]))
     # Rates are rounded to six digits.
     np.testing.assert_allclose(np.array(data["rates"])[:, 0], camera.imu_to_camera @ log.omega[i], atol=1e-6)
-
-
-def test_sharpness_of_bands_is_that_of_their_edges() -> None:
-    _, x = np.mgrid[:128, :160].astype(float)
-    # Edges as boxes of 21 and 7 px leave them: ramps.
-    blurred, sharp = (0.3 + 0.4 * np.clip((x - 120) / width + 0.5, 0, 1) for width in (21, 7))
-    figures = band_figures({"input": blurred, "sharp": sharp}, {"sharp": [0.01] * 6})
-    assert figures["edges"] == [0, 21, 43, 64, 85, 107, 128]
-    assert figures["sharpness"]["input"] == [1.0] * 6
-    # Single precision; at half the size both ramps still have pixels whose gradient depends on the ramp alone.
-    np.testing.assert_allclose(figures["sharpness"]["sharp"], 3.0, rtol=1e-4)
-    # In percent; the input was not checked.
-    assert figures["ringing"] == {"input": [None] * 6, "sharp": [1.0] * 6}
-    turned = band_figures({"input": blurred.T, "sharp": sharp.T}, {}, across=True)
-    np.testing.assert_allclose(turned["sharpness"]["sharp"], figures["sharpness"]["sharp"], rtol=1e-5)
-
-
-def test_noise_alone_shows_no_edges() -> None:
-    noise = np.clip(np.random.default_rng(1).normal(0.5, 0.003, (64, 64)), 0, 1)
-    assert set(band_figures({"input": noise, "b": noise}, {})["sharpness"]["b"]) == {None}
 
 
 def levels(outcomes) -> dict[str, str]:

@@ -60,27 +60,6 @@ def test_paths_start_at_their_pixel_plus_the_first_displacement():
     assert len(ax.collections) == 4
 
 
-def test_the_window_of_an_exposure_lies_in_camera_time():
-    later = Exposure(0.1, 0.02, epoch_ns=10**9)
-    near = rs.GyroLog(LOG.t, LOG.omega, epoch_ns=10**9)
-    ax = plot.log(near, CAMERA, [EXPOSURE, later])
-    lefts = sorted(patch.get_x() for patch in ax.patches)
-    # The epoch is that of the first exposure. All rows are exposed together in the first window only.
-    np.testing.assert_allclose(lefts, [0.3, EXPOSURE.span(CAMERA)[1] - 0.05, 1.1])
-    np.testing.assert_allclose(ax.lines[0].get_xdata()[0], 1.1)
-    assert len(plot.log(LOG, CAMERA).patches) == 0
-
-
-def test_a_comparison_has_one_shape():
-    axes = plot.comparison({"a": PICTURE, "b": PICTURE}, crop=(5, 6, 7, 8), reference=PICTURE)
-    assert [ax.images[0].get_array().shape for ax in axes] == [(7, 8, 3)] * 2
-    with pytest.raises(InputError, match="all of one shape"):
-        plot.comparison({"a": PICTURE, "b": PICTURE[1:]})
-    for reference in (None, PICTURE):
-        with pytest.raises(InputError, match="at least one"):
-            plot.comparison({}, reference=reference)
-
-
 @pytest.mark.parametrize("transfer", ["srgb", "linear", 2.2])
 def test_a_result_is_as_bright_as_its_photo(transfer):
     """Drawn in the same way, a photo and its result with next to no change are the same picture."""
@@ -104,13 +83,3 @@ def test_integers_beside_floats_need_a_transfer():
     drawn = [ax.images[0].get_array() for ax in plot.comparison(mixed, transfer="srgb")]
     # Eight bits round to half a level.
     np.testing.assert_allclose(*drawn, atol=0.6 / 255)
-
-
-def test_bad_arguments_of_drawings_are_refused_by_name():
-    with pytest.raises(InputError, match="pictures must be a dict of pictures by their titles, got list"):
-        plot.comparison([PICTURE, PICTURE])
-    for crop in ((), (5, 6, 7), 3, (0, 0, 0, 5), (-1, 0, 5, 5), (0, 10**6, 5, 5), "abcd"):
-        with pytest.raises(InputError, match="crop must be"):
-            plot.comparison({"a": PICTURE}, crop=crop)
-    with pytest.raises(InputError, match="exposures must be a sequence, got None"):
-        plot.log(LOG, CAMERA, None)

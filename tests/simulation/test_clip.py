@@ -34,14 +34,6 @@ def test_a_still_camera_films_the_scene(sharp):
         assert np.abs(frame - sharp[20:92, 24:120]).max() < 1e-4
 
 
-def test_epochs_of_exposures_count(sharp):
-    log = hand_shake(0.8, seed=3)
-    exposures = [Exposure(0.2, 0.01), Exposure(0.4, 0.01)]
-    later = [exposures[0], Exposure(-0.1, 0.01, 500_000_000)]
-    for one, other in zip(*(simulate_clip(sharp, log, CAMERA, each) for each in (exposures, later)), strict=True):
-        assert np.abs(one - other).max() < 1e-5
-
-
 def test_refused(sharp):
     log = hand_shake(0.5)
     for camera, exposures in (
@@ -105,18 +97,3 @@ class TestLayer:
             )
             way = 0.4 / 0.9 * np.array([0.009, -0.018])
             np.testing.assert_allclose(last - first, -110.0 * way / expected, atol=0.02)
-
-    @pytest.mark.parametrize(
-        ("layer", "message"),
-        [
-            (lambda disc: Layer(np.ones_like(disc), 2 * disc), "opacity must lie from 0 to 1"),
-            (lambda disc: Layer(np.ones_like(disc), disc, depth=0.0), "depth must be greater than 0"),
-            (lambda disc: Layer(np.ones_like(disc), disc, velocity=(1.0, np.nan)), "velocity"),
-            (lambda disc: Layer(np.ones_like(disc), disc[1:]), "must have the scene's shape"),
-            (lambda disc: Layer(np.ones((112, 144, 3)), disc), "must have the scene's shape"),
-            (lambda disc: Layer(np.ones_like(disc), disc, depth=1.0), "only a translation shows"),
-        ],
-    )
-    def test_refused(self, disc, layer, message):
-        with pytest.raises(InputError, match=message):
-            next(simulate_clip(disc, STILL, CAMERA, EXPOSURES, layers=[layer(disc)]))
