@@ -33,12 +33,6 @@ from rsdeblur.pipeline.steps import judged, split_highlights
 from rsdeblur.pipeline.tiles import tile_error
 from rsdeblur.types import Float32Array, Progress
 
-# Most frames of a burst.
-MOST_FRAMES = 64
-# Mean square of the path errors of tiles in any frame, px^2, from which on rows are solved with their own PSFs: tiles
-# then make most of the error of a burst.
-MOST_TILE_ERROR = 0.1
-
 
 @one_line()
 @dataclass(frozen=True, slots=True, eq=False)
@@ -269,8 +263,8 @@ def check_burst(
     images: Sequence[ArrayLike], log: GyroLog, camera: Camera, exposures: Sequence[Exposure], options: Options
 ) -> None:
     """Raise `InputError` unless the frames are those of a burst that can be solved with these options."""
-    if len(images) < 2 or len(images) > MOST_FRAMES:
-        raise InputError(f"a burst needs 2 to {MOST_FRAMES} frames, got {len(images)}")
+    if not 2 <= len(images) <= 64:
+        raise InputError(f"a burst needs 2 to 64 frames, got {len(images)}")
     if len(images) != len(exposures):
         raise InputError(f"each frame needs an exposure, got {len(images)} frames and {len(exposures)} exposures")
     for n, (image, exposure) in enumerate(zip(images, exposures, strict=True)):
@@ -289,7 +283,8 @@ def check_burst(
 def _suited_mode(options: Options, captures: Iterable[Capture]) -> Mode:
     """Return the mode of the quality, or "rowwise" where tiles cannot follow the blur of every frame."""
     may_differ = options.quality == "balanced" and options.bands == "auto"
-    return "rowwise" if may_differ and max(map(tile_error, captures)) > MOST_TILE_ERROR else options.mode_in_effect
+    # From a mean square of 0.1 px^2 on, the path errors of tiles make most of the error of a burst.
+    return "rowwise" if may_differ and max(map(tile_error, captures)) > 0.1 else options.mode_in_effect
 
 
 def _use(burst: AlignedBurst, index: int, share: float, frame: ReadoutFrame) -> FrameUse:

@@ -25,7 +25,7 @@ from rsdeblur.io.sessions import PHOTOS, encoded_timestamps, nearest_captures
 from rsdeblur.motion.exposure import Exposure
 
 try:
-    import av
+    import av as av
 except ModuleNotFoundError:
     raise InputError(missing("videos need PyAV", "video")) from None
 

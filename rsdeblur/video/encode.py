@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
@@ -337,7 +337,9 @@ def _items(plan: ClipPlan, source: Any, copies: dict[Any, Any]) -> Iterator[Any]
         raise FileFormatError(f"{clip.path}: {len(numbers)} of {len(clip)} frames cannot be decoded")
 
 
-def _new_items(plan: ClipPlan, source: Any, copies: dict[Any, Any], pixels: str, jobs: int) -> Iterator[Any]:
+def _new_items(
+    plan: ClipPlan, source: Any, copies: dict[Any, Any], pixels: str, jobs: int
+) -> Generator[Any, None, None]:
     """Yield the new frames in their order, and the packets of the copied streams; `jobs + 1` frames are under way."""
     waiting: deque[Future[Any]] = deque()
     pool = ThreadPoolExecutor(jobs)
@@ -346,7 +348,8 @@ def _new_items(plan: ClipPlan, source: Any, copies: dict[Any, Any], pixels: str,
             if isinstance(item, av.Packet):
                 yield item
                 continue
-            waiting.append(pool.submit(_restored, plan, *item, pixels))
+            number, frame = item
+            waiting.append(pool.submit(_restored, plan, number, frame, pixels))
             if len(waiting) > jobs + 1:
                 yield waiting.popleft().result()
         while waiting:

@@ -303,7 +303,7 @@ def _measure(
     for i, exposure in enumerate(exposures):
         try:
             capture = captured(frame, log, exposure, options)
-            # A kernel reaches up to 1 px further than its paths; paths at tiles' centres 1 px further than those probed.
+            # Paths at tiles' centres reach up to 1 px further than those probed, and kernels 1 px further than paths.
             check_reach(capture, spare=2)
         except (CoverageError, InputError) as error:
             first_error = first_error or error

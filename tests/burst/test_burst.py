@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from rsdeblur import Camera, Exposure, InputError, deblur, deblur_burst, hand_shake, simulate_clip
 from rsdeblur.burst import BurstResult
-from rsdeblur.burst.tuning import combined, path_error_share, restoration_error, with_path_errors
+from rsdeblur.burst.alignment import combined, path_error_share, restoration_error, with_path_errors
 from rsdeblur.estimate import Tuning
 from rsdeblur.estimate.correction import Correction
 from rsdeblur.estimate.refine import Refinement
