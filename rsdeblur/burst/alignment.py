@@ -77,8 +77,8 @@ def aligned(
     if not validate.is_auto(reference):
         candidates, errors = [int(reference)], np.ones(len(splits))
     else:
-        # A frame of a covered lens expects no error, because it shows nothing; it is no reference. A frame with a quarter
-        # of the light has a sixteenth of the variance.
+        # A frame of a covered lens expects no error, because it shows nothing; it is no reference. Others vary enough:
+        # a quarter of the light has a sixteenth of the variance.
         variances = np.array([split.remainder(slice(None), 4).var() for split in splits])
         faint = variances < 0.01 * np.median(variances)
         energy = float(np.mean([tunings[n].energy for n in np.flatnonzero(~faint).tolist()]))
