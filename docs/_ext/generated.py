@@ -26,7 +26,7 @@ from rsdeblur.cli import main
 MODULES = (
     "errors", "motion", "motion.axes", "motion.rectify", "deconv", "deconv.priors", "estimate", "calibration",
     "simulation", "pipeline", "io", "report", "plot",
-    "video.clip", "video.times", "video.plan", "video.encode",
+    "video.clip", "video.plan", "video.encode",
 )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Frames of a burst, measured one by one and aligned with one of them."""
+"""Frames of a burst, measured one by one and aligned with one of them; their shares in the result."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from rsdeblur._util import validate
 from rsdeblur._util.threads import share, share_map, thread_count
 from rsdeblur.burst.fit import FrameFit
 from rsdeblur.burst.frames import FIT_TILES, BurstFrame, reduced_bank
-from rsdeblur.burst.tuning import path_error_share, restoration_error, with_path_errors
 from rsdeblur.choices import Auto
-from rsdeblur.estimate.strength import Tuning
+from rsdeblur.estimate.blur_spectra import BlurSpectra
+from rsdeblur.estimate.strength import PATH_ERROR, Tuning
 from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.motion.alignment import Alignment
 from rsdeblur.motion.paths import Capture
@@ -25,20 +25,12 @@ from rsdeblur.psf import tile_centres
 
 # A frame whose mean weight over the reference's detail is less contributes nothing: its motion or its scene is another.
 LEAST_SUPPORT = 0.5
-# Least variance of a frame that may be the reference, as a share of that of the middle one (a quarter of the light has
-# a sixteenth), and the rows and columns of which one is measured.
-LEAST_VARIANCE, STEP = 0.01, 4
-# Weight of the data of other frames in the choice of the reference: the errors of two motions are in them.
-OTHERS = 0.5
-# Share of the least further error of any frame that is the reference's own; the rest is that of its alignment.
-OWN = 0.5
-# Most frames measured at a time: one of 12 megapixels takes 0.16 GiB.
-TOGETHER = 4
 
 
 def measured(splits: Sequence[HighlightSplit], captures: Sequence[Capture], options: Options) -> list[Tuning]:
     """Measure each frame on its own; threads share the frames."""
-    threads = min(TOGETHER, thread_count(options.threads))
+    # One frame of 12 megapixels takes 0.16 GiB.
+    threads = min(4, thread_count(options.threads))
     return share_map(lambda n: _measured(splits[n], captures[n], options), range(len(splits)), threads)
 
 
@@ -85,9 +77,10 @@ def aligned(
     if not validate.is_auto(reference):
         candidates, errors = [int(reference)], np.ones(len(splits))
     else:
-        # A frame of a covered lens expects no error, because it shows nothing; it is no reference.
-        variances = np.array([split.remainder(slice(None), STEP).var() for split in splits])
-        faint = variances < LEAST_VARIANCE * np.median(variances)
+        # A frame of a covered lens expects no error, because it shows nothing; it is no reference. Others vary enough:
+        # a quarter of the light has a sixteenth of the variance.
+        variances = np.array([split.remainder(slice(None), 4).var() for split in splits])
+        faint = variances < 0.01 * np.median(variances)
         energy = float(np.mean([tunings[n].energy for n in np.flatnonzero(~faint).tolist()]))
         errors = np.array([restoration_error(tuning, energy) for tuning in tunings])
         errors[faint] = np.inf
@@ -95,7 +88,8 @@ def aligned(
     best, most = None, 0.0
     for index in candidates:
         burst = _fitted(index, splits, captures, tunings, clock, threads)
-        supports = [1.0 if frame.fit is None else OTHERS * frame.fit.support for frame in burst.frames]
+        # The data of other frames count half: the errors of two motions are in them.
+        supports = [1.0 if frame.fit is None else 0.5 * frame.fit.support for frame in burst.frames]
         data = float((np.array(supports) / np.maximum(errors, np.finfo(float).tiny)).sum())
         if best is None or data > most:
             best, most = burst, data
@@ -141,7 +135,88 @@ def _fitted(
         frames[n] = replace(frame, fit=found, tuning=tuning)
         if found.support >= LEAST_SUPPORT:
             error_shares.append(error_share)
-    # The errors of the reference are in all differences, so they are not larger than the least of these.
-    tuning = with_path_errors(reference.tuning, OWN * min(error_shares, default=0.0))
+    # The errors of the reference are in all differences, so they are not larger than the least of these. Half of that
+    # counts as its own; the rest is that of the alignment.
+    tuning = with_path_errors(reference.tuning, 0.5 * min(error_shares, default=0.0))
     frames[index] = replace(reference, tuning=tuning)
     return AlignedBurst(index, tuple(frames))
+
+
+def combined(
+    frames: Sequence[Tuning], *, tile_errors: Sequence[float] | None = None
+) -> tuple[Tuning, tuple[float, ...]]:
+    """Combine the measurements of several frames of one scene.
+
+    A frame counts by its share: the inverse of its :attr:`Tuning.noise_power`, divided by the sum over all frames.
+    Frames other than the reference are resampled, which is an error of their blurred picture.
+
+    Parameters
+    ----------
+    frames : sequence of Tuning
+        Measurements of each frame, the reference first, whose energy counts for all.
+    tile_errors : sequence of float, optional
+        Mean square of the path errors that tiles add to each frame, px^2. Only the shares depend on them, because
+        strengths were measured with tiles.
+
+    Returns
+    -------
+    tuning : Tuning
+        Measurements of a picture that is as informative as all frames together.
+    shares : tuple of float
+        Share of each frame; they sum to 1.
+    """
+    first = frames[0]
+    power = np.array([frame.noise_power(first.energy) for frame in frames])
+    errors = np.zeros(len(frames)) if tile_errors is None else np.array(tile_errors, dtype=np.float64)
+    # Error of resampling, px: of the alignment and, where pictures are as sharp as their pixels, of interpolation. Only
+    # the shares depend on it. Chosen on eight bursts (docs/developer/decisions.md).
+    resampling_error = 0.25
+    errors[1:] += resampling_error**2
+    # What is wrong by e px changes the blurred picture by e times its gradient.
+    left = np.array([frame.spectra.gradient_left for frame in frames])
+    precision = 1.0 / (power + first.energy * left * errors)
+    shares = precision / precision.sum()
+
+    def mean(values: Sequence[float]) -> float:
+        return float(shares @ np.array(values))
+
+    # Errors of the frames are independent, so they average out.
+    variances = np.square(shares) @ np.square([frame.octave_noise for frame in frames])
+    path_error = float(np.square(shares) @ np.array([frame.path_error for frame in frames]))
+    tuning = Tuning(
+        tuple(np.sqrt(variances).tolist()),
+        first.energy,
+        float(np.sqrt(mean([frame.radius**2 for frame in frames]))),
+        mean([frame.border_error for frame in frames]),
+        BlurSpectra.mean([frame.spectra for frame in frames], shares),
+        path_error,
+        first.channels,
+    )
+    return tuning, tuple(shares.tolist())
+
+
+def with_path_errors(tuning: Tuning, share: float) -> Tuning:
+    """Return the measurements with further errors of the paths, a share of the radius."""
+    return replace(tuning, path_error=tuning.path_error + (share * tuning.radius) ** 2)
+
+
+def path_error_share(tuning: Tuning, other: Tuning, error: float) -> float:
+    """Return the further errors of the paths as a share of both radii, up to 1.
+
+    `error` is the mean square of the errors of both frames together, px^2.
+    """
+    excess = max(error - tuning.path_error - other.path_error, 0.0)
+    return float(np.sqrt(min(excess / max(tuning.radius**2 + other.radius**2, PATH_ERROR**2), 1.0)))
+
+
+def restoration_error(tuning: Tuning, energy: float) -> float:
+    """Return the expected mean squared error of the best linear restoration from a frame alone.
+
+    `energy` is E of the sharp picture.
+    """
+    signal = energy * tuning.spectra.signal
+    # Before other frames show how large the errors of the paths are: real motion errs by 3 % of the PSF's radius.
+    errors = energy * (0.03 * tuning.radius) ** 2
+    noise = tuning.noise_power(energy) + errors + tuning.border_error * signal
+    known = noise + tuning.spectra.power * signal
+    return float(np.divide(signal * noise, known, out=np.zeros_like(known), where=known > 0).mean())

@@ -11,18 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share_map
-from rsdeblur.burst.alignment import AlignedBurst
+from rsdeblur.burst.alignment import AlignedBurst, combined
 from rsdeblur.burst.frames import BurstFrame
-from rsdeblur.burst.prediction import predicted
-from rsdeblur.burst.tuning import combined
 from rsdeblur.choices import EXPONENT
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.chroma import Solve
 from rsdeblur.deconv.priors import brightness
+from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.estimate.blur_spectra import KERNELS, BlurSpectra
 from rsdeblur.image.undershoot import UndershootMeter
 from rsdeblur.motion.paths import BlurPaths
-from rsdeblur.pipeline.memory import least_memory
+from rsdeblur.pipeline.memory import LONGEST, least_memory
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import Chunk, PictureSolver, Strengths
 from rsdeblur.pipeline.stages import StageClock
@@ -31,10 +30,10 @@ from rsdeblur.pipeline.tiles import tile_errors, tile_paths
 from rsdeblur.psf import PsfBank, size_of, tile_centres
 from rsdeblur.types import FloatArray, FloatImage, StageProgress
 
-# Mean weight over a whole frame from which on it shows the same scene everywhere.
-ALIKE = 0.99
-# Bytes that the solve may use by default. The default grows to this multiple of what the smallest chunks need.
-MEMORY, ABOVE_LEAST = 1 << 30, {"global": 1.1, "banded": 1.1, "rowwise": 1.25}
+# Bytes that the solve may use by default.
+MEMORY = 1 << 30
+
+Part = tuple[slice, slice]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +68,7 @@ class BurstSolution:
         strengths = tuned_strengths(tuning, options, peak)
         # Where other frames do not show the scene, they repeat the result of the reference alone. For narrow margins, a
         # Wiener filter is good enough; for things that move, it costs up to 0.6 dB (tv, eight simulated bursts).
-        alike = len(frames) > 1 and all(frame.fit is None or frame.fit.weights.mean() > ALIKE for frame in frames)
+        alike = len(frames) > 1 and all(frame.fit is None or frame.fit.weights.mean() > 0.99 for frame in frames)
         simple = replace(options, prior="wiener", nsr="auto", weight="auto", exponent=EXPONENT) if alike else options
         alone = tuned_strengths(tunings[0], simple, peak)
         own = share_map(
@@ -121,9 +120,9 @@ class BurstSolution:
         """Return the bytes that a chunk may take, with the highlights of the reference."""
         if most is not None:
             return most - sum(frame.split.nbytes for frame in self.frames[1:])
-        # The default bound grows rather than refuse the burst or cut it into thin chunks.
+        # The default bound grows to a multiple of the least rather than refuse the burst or cut it into thin chunks.
         least = least_memory(self, self.frames[0].encoded.shape)
-        return max(MEMORY, int(ABOVE_LEAST[self.options.mode_in_effect] * least))
+        return max(MEMORY, int((1.25 if self.options.mode_in_effect == "rowwise" else 1.1) * least))
 
     def _solve(self, chunk: Chunk, light: FloatImage, progress: StageProgress) -> FloatImage:
         """Return the sharp light of a chunk of rows; `light` is that of the reference, which is solved alone first."""
@@ -193,3 +192,68 @@ def _largest(frames: Sequence[BlurPaths]) -> tuple[int, int]:
     """Return the height and the width that hold every PSF."""
     tall, wide = (max(size_of(paths)[axis] for paths in frames) for axis in (0, 1))
     return tall, wide
+
+
+def predicted(
+    latent: FloatImage, wanted: NDArray[np.bool_], bank: PsfBank, threads: int | None = None
+) -> Iterator[tuple[Part, FloatImage]]:
+    """Yield disjoint parts of a sharp picture, blurred, that cover where that is `wanted`.
+
+    Parameters
+    ----------
+    latent : ndarray, shape (H, W, C), float32
+        The sharp picture.
+    wanted : ndarray, shape (H, W), bool
+        Where the blurred picture is wanted.
+    bank : PsfBank
+        PSFs of the frame on the pixels of the sharp picture.
+    threads : int, optional
+        Threads that share the work; default all processors. Any number gives the same bits.
+
+    Yields
+    ------
+    part : (slice, slice)
+        Rows and columns.
+    blurred : ndarray, shape (h, w, C), float32
+        What the frame shows there.
+    """
+    parts = list(rectangles(wanted))
+    around = [_around(part, wanted.shape, bank.size) for part in parts]
+    # From that share of the picture on, all of it costs less.
+    if sum((rows.stop - rows.start) * (cols.stop - cols.start) for rows, cols in around) > 0.6 * wanted.size:
+        parts = list(rectangles(np.ones_like(wanted)))
+    for part in parts:
+        whole = _around(part, wanted.shape, bank.size)
+        picture, few = np.ascontiguousarray(latent[whole]), bank.cut(*whole)
+        few = replace(few, rows=few.rows - whole[0].start, cols=few.cols - whole[1].start)
+        blurred = TileBlur(few, picture.shape, threads=threads).forward(picture)
+        rows, cols = (slice(p.start - a.start, p.stop - a.start) for p, a in zip(part, whole, strict=True))
+        yield part, blurred[rows, cols]
+
+
+def rectangles(wanted: NDArray[np.bool_]) -> Iterator[Part]:
+    """Yield disjoint rectangles, made of cells of 64 x 64 px, that cover where a mask (H, W) is true."""
+    cell = 64
+    starts = [range(0, n, cell) for n in wanted.shape]
+    cells = np.logical_or.reduceat(np.logical_or.reduceat(wanted, starts[0], axis=0), starts[1], axis=1)
+    for top, left in np.argwhere(cells):
+        if not cells[top, left]:
+            continue
+        right, bottom = left, top
+        while right < min(left + LONGEST // cell, cells.shape[1]) and cells[top, right]:
+            right += 1
+        while bottom < min(top + LONGEST // cell, cells.shape[0]) and cells[bottom, left:right].all():
+            bottom += 1
+        cells[top:bottom, left:right] = False
+        limits = zip((top, left), (bottom, right), wanted.shape, strict=True)
+        rows, cols = (slice(int(first) * cell, min(int(stop) * cell, n)) for first, stop, n in limits)
+        yield rows, cols
+
+
+def _around(part: Part, shape: tuple[int, ...], reach: tuple[int, int]) -> Part:
+    """Return a part with all that its blur depends on."""
+    rows, cols = (
+        slice(max(each.start - far, 0), min(each.stop + far, n))
+        for each, far, n in zip(part, reach, shape, strict=True)
+    )
+    return rows, cols

@@ -185,7 +185,7 @@ def _write_session(kind: str, size: tuple[int, int], seed: int, folder: Path, *,
     """
     session, stock = KINDS[kind], kind == "stock-camera"
     if kind == "video":
-        import rsdeblur.video._av  # noqa: F401  refuses a missing extra before the work
+        import rsdeblur.video.clip  # noqa: F401  refuses a missing extra before the work
     log, camera, exposures = simulated(kind, size, seed)
     frames = _frames(kind, size, seed)
     if session.photos:

@@ -1,7 +1,7 @@
 """Videos: blurred frames deblurred, each with its own exposure window (extra ``[video]``).
 
-`clip` reads a video's properties and frames, `times` finds when each frame was exposed, `plan` looks at the blur of all
-frames, and `encode` deblurs and encodes them in one pass.
+`clip` reads the frames of a video and finds when each was exposed, `plan` looks at the blur of all frames, and `encode`
+deblurs and encodes them in one pass.
 """
 
 from rsdeblur.choices import Quality

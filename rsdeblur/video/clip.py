@@ -1,40 +1,39 @@
-"""Properties and frames of a video."""
+"""Properties and frames of a video, and the exposures of its frames."""
 
 from __future__ import annotations
 
 import os
 import struct
 import warnings
-from collections.abc import Generator, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rsdeblur._util import ffmpeg
+from rsdeblur._util.extras import missing
 from rsdeblur._util.files import checked_path, open_file
-from rsdeblur.errors import FileFormatError, RsdeblurWarning
-from rsdeblur.io.sessions import PHOTOS
-from rsdeblur.video._av import av
+from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
+from rsdeblur.io.captures import open_captures
+from rsdeblur.io.sessions import PHOTOS, encoded_timestamps, nearest_captures
+from rsdeblur.motion.exposure import Exposure
 
-HDR_DATA = frozenset({"MASTERING_DISPLAY_METADATA", "CONTENT_LIGHT_LEVEL"})
+try:
+    import av as av
+except ModuleNotFoundError:
+    raise InputError(missing("videos need PyAV", "video")) from None
 
-
-class Colours(NamedTuple):
-    """FFmpeg's numbers for the colours of a video.
-
-    Parameters
-    ----------
-    range, space, primaries, transfer : int
-        Colour range, colour space (the matrix of YCbCr), primaries and transfer characteristic.
-    """
-
-    range: int
-    space: int
-    primaries: int
-    transfer: int
+# FFmpeg's default rounding would darken pictures by a level.
+SCALING = av.video.reformatter.Interpolation.BICUBIC | av.video.reformatter.Interpolation.ACCURATE_RND
+# 16 bits are enough for the RGB values of 8, 10 and 12 bits of YCbCr.
+RGB = "rgb48le"
+FULL_RANGE, LIMITED_RANGE = av.video.reformatter.ColorRange.JPEG, av.video.reformatter.ColorRange.MPEG
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +50,6 @@ class Clip:
         Presentation times of the frames, in units of `time_base`, increasing.
     end : int
         End of the last frame, in the same units.
-    keys : tuple of int
-        Timestamps of the frames at which decoding can start.
     time_base : Fraction
         Unit of the timestamps, s.
     codec, pixels : str
@@ -61,8 +58,8 @@ class Clip:
         Mean number of frames per second.
     aspect : Fraction, or None
         Width of a pixel divided by its height, as players show it; None if the video does not say.
-    colours : Colours
-        Tags of the stream.
+    transfer : int
+        FFmpeg's number of the transfer characteristic.
     matrix : tuple of 9 int, or None
         How players turn the frames, as FFmpeg's display matrix.
     """
@@ -72,13 +69,12 @@ class Clip:
     height: int
     timestamps: tuple[int, ...]
     end: int
-    keys: tuple[int, ...]
     time_base: Fraction
     codec: str
     pixels: str
     rate: Fraction
     aspect: Fraction | None
-    colours: Colours
+    transfer: int
     matrix: tuple[int, ...] | None
 
     def __len__(self) -> int:
@@ -90,13 +86,19 @@ class Clip:
         return [float((timestamp - self.timestamps[0]) * self.time_base) for timestamp in self.timestamps]
 
 
-def open_container(path: Path) -> Any:
-    """Open a video for reading; the caller closes it.
+@contextmanager
+def reading(path: Path) -> Iterator[Any]:
+    """Open a video for reading, and turn FFmpeg's errors in the block into errors that name the file.
 
     Parameters
     ----------
     path : Path
         The video.
+
+    Yields
+    ------
+    av.container.InputContainer
+        The open file.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def open_container(path: Path) -> Any:
     # FFmpeg would wait for the writer of a pipe.
     open_file(path, "video").close()
     try:
-        return av.open(**ffmpeg.existing(path))
+        container = av.open(**ffmpeg.existing(path))
     except av.error.ArgumentError as error:
         what = "not a video in a container that is read; convert it to MP4, MOV, Matroska, WebM, AVI or MPEG-TS"
         if path.suffix.lower() in PHOTOS:
@@ -114,24 +116,9 @@ def open_container(path: Path) -> Any:
         raise FileFormatError(f"{path}: {what}") from error
     except av.error.FFmpegError as error:
         raise _unreadable(path, error) from error
-
-
-@contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """Turn FFmpeg's errors in the block into errors that name the video.
-
-    Parameters
-    ----------
-    path : Path
-        The video.
-
-    Raises
-    ------
-    FileFormatError
-        If FFmpeg cannot read the file.
-    """
     try:
-        yield
+        with container:
+            yield container
     except av.error.FFmpegError as error:
         raise _unreadable(path, error) from error
 
@@ -161,71 +148,51 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
         If the video is interlaced, or has HDR10 metadata, which is left out.
     """
     path = checked_path(path)
-    with reading(path), open_container(path) as container:
+    with reading(path) as container:
         if not container.streams.video:
             raise FileFormatError(f"{path}: the file has no video stream")
         stream = container.streams.video[0]
-        shown, keys, end = set(), set(), 0
+        shown, end, first = set(), 0, None
         for packet in container.demux(stream):
+            if first is None:
+                first = next(iter(packet.decode()), None)
             if not packet.size or packet.is_discard:
                 continue
             if packet.pts is None:
                 raise FileFormatError(f"{path}: the frames have no timestamps; convert it to MP4 or Matroska first")
             shown.add(packet.pts)
             end = max(end, packet.pts + max(packet.duration or 0, 1))
-            if packet.is_keyframe:
-                keys.add(packet.pts)
         if not shown:
             raise FileFormatError(f"{path}: the video has no frames")
-    # Opened again: MPEG-TS cannot be sought to its start.
-    with reading(path), open_container(path) as container:
-        stream = container.streams.video[0]
-        first = next(container.decode(stream), None)
         if first is None:
             raise FileFormatError(f"{path}: no frame of the video can be decoded")
-        _warn_of_losses(path, first)
-        context = stream.codec_context
+        # PyAV 18 iterates over data, 19 over types.
+        data = {each.type.name: each for each in (first.side_data[n] for n in range(len(first.side_data)))}
+        if first.interlaced_frame:
+            _warn(f"{path}: it is interlaced: its fields are deblurred as one frame and marked as progressive")
+        if "MASTERING_DISPLAY_METADATA" in data or "CONTENT_LIGHT_LEVEL" in data:
+            _warn(f"{path}: its HDR10 metadata (mastering display, light levels) is left out")
         return Clip(
             path=path,
             width=first.width,
             height=first.height,
             timestamps=tuple(sorted(shown)),
             end=end,
-            keys=tuple(sorted(keys)),
             time_base=stream.time_base,
-            codec=context.name,
+            codec=stream.codec_context.name,
             pixels=first.format.name,
             rate=stream.average_rate or Fraction(30),
             aspect=stream.sample_aspect_ratio or None,
-            colours=Colours(
-                *map(int, (first.color_range, first.colorspace, context.color_primaries, context.color_trc))
-            ),
-            matrix=_display_matrix(first),
+            transfer=int(stream.codec_context.color_trc),
+            matrix=struct.unpack("9i", bytes(data["DISPLAYMATRIX"])) if "DISPLAYMATRIX" in data else None,
         )
 
 
-def _side_data(frame: Any) -> dict[str, Any]:
-    """Return the side data of a frame by the names of their types; PyAV 18 iterates over data, 19 over types."""
-    every = [frame.side_data[n] for n in range(len(frame.side_data))]
-    return {data.type.name: data for data in every}
+def _warn(text: str) -> None:
+    warnings.warn(text, RsdeblurWarning, stacklevel=3)
 
 
-def _display_matrix(frame: Any) -> tuple[int, ...] | None:
-    data = _side_data(frame).get("DISPLAYMATRIX")
-    return None if data is None else struct.unpack("9i", bytes(data))
-
-
-def _warn_of_losses(path: Path, frame: Any) -> None:
-    lost = []
-    if frame.interlaced_frame:
-        lost.append("it is interlaced: its fields are deblurred as one frame and marked as progressive")
-    if not HDR_DATA.isdisjoint(_side_data(frame)):
-        lost.append("its HDR10 metadata (mastering display, light levels) is left out")
-    for text in lost:
-        warnings.warn(f"{path}: {text}", RsdeblurWarning, stacklevel=3)
-
-
-def frames(clip: Clip, first: int, stop: int, *, threads: int | None = None) -> Generator[Any, None, None]:
+def frames(clip: Clip, first: int, stop: int) -> Iterator[Any]:
     """Decode the frames with the numbers `first` to `stop - 1`.
 
     Parameters
@@ -234,29 +201,24 @@ def frames(clip: Clip, first: int, stop: int, *, threads: int | None = None) -> 
         The video.
     first, stop : int
         Numbers of the first frame and of the one after the last, from 0.
-    threads : int, optional
-        Threads of the decoder; default as many as FFmpeg takes.
 
     Raises
     ------
     FileFormatError
         If a frame cannot be decoded.
     """
-    remaining = set(clip.timestamps[first:stop])
-    keys = [key for key in clip.keys if key <= clip.timestamps[first]]
-    # One key frame earlier than needed: frames shown before a key frame may refer to frames before it. Seeking in
-    # MPEG-TS may end behind the place; then further back, and at last from the start.
-    for place in (*(keys[-back] for back in (2, 4, 8, 16) if back < len(keys)), None):
-        with reading(clip.path), open_container(clip.path) as container:
+    remaining, start = set(clip.timestamps[first:stop]), clip.timestamps[first]
+    # From a second earlier, because frames shown before a key frame may refer to frames before it. Seeking in MPEG-TS
+    # may end behind the place; then from the beginning.
+    for place in (start - int(1 / clip.time_base), None):
+        with reading(clip.path) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
-            # FFmpeg's threads take a tenth more of the processors' time than one.
-            stream.codec_context.thread_count = threads or 0
             if place is not None:
-                container.seek(place, stream=stream)
+                container.seek(max(place, clip.timestamps[0]), stream=stream)
             decoded = container.decode(stream)
             head = next(decoded, None)
-            if place is not None and (head is None or head.pts is None or head.pts > keys[-1]):
+            if place is not None and (head is None or head.pts is None or head.pts > start):
                 continue
             for frame in chain([head] if head else [], decoded):
                 if frame.pts in remaining:
@@ -264,5 +226,105 @@ def frames(clip: Clip, first: int, stop: int, *, threads: int | None = None) -> 
                     yield frame
                 if not remaining:
                     return
-            break
     raise FileFormatError(f"{clip.path}: {len(remaining)} of frames {first} to {stop - 1} cannot be decoded")
+
+
+def values_of(frame: Any) -> NDArray[np.uint16]:
+    """Return a frame as RGB, shape (H, W, 3), decoded as its tags say.
+
+    Raises
+    ------
+    InputError
+        If FFmpeg cannot convert its colours.
+    """
+    # Frames without a tag have the limited range.
+    own = frame.color_range or LIMITED_RANGE
+    try:
+        rgb = frame.reformat(format=RGB, src_color_range=own, dst_color_range=FULL_RANGE, interpolation=SCALING)
+    except av.error.FFmpegError as error:
+        raise InputError(
+            f"frames of {frame.format.name} with FFmpeg's colour matrix {int(frame.colorspace)} cannot be converted to "
+            f"RGB ({error.strerror}); convert the video first"
+        ) from error
+    values: NDArray[np.uint16] = rgb.to_ndarray()
+    return values
+
+
+def exposures_from_timestamps(
+    clip: Clip, duration: float | Sequence[float], *, start: float = 0.0, epoch_ns: int = 0
+) -> list[Exposure]:
+    """Return the exposure of each frame from the video's own timestamps; the frame rate need not be constant.
+
+    Parameters
+    ----------
+    clip : Clip
+        The video.
+    duration : float or sequence of float
+        Exposure time in s, one for all frames or one for each.
+    start, epoch_ns
+        Timestamp of the first frame, see :class:`rsdeblur.Exposure`.
+
+    Raises
+    ------
+    InputError
+        If the number of exposure times is not that of the frames.
+    """
+    durations = list(duration) if isinstance(duration, Iterable) else [duration] * len(clip)
+    if len(durations) != len(clip):
+        raise InputError(f"{clip.path}: {len(clip)} frames, but {len(durations)} exposure times")
+    return [Exposure(start + time, each, epoch_ns) for time, each in zip(clip.times, durations, strict=True)]
+
+
+def exposures_from_captures(
+    clip: Clip, path: str | os.PathLike[str], *, duration: float | None = None
+) -> list[Exposure]:
+    """Return the exposure of each frame from a logger's file with a line for each frame.
+
+    MARS logger's ``movie_metadata.csv`` may list more frames than the video has. ``frame_timestamps.txt`` beside it
+    lists those that were encoded.
+
+    Parameters
+    ----------
+    clip : Clip
+        The video.
+    path : path-like
+        The capture file.
+    duration : float, optional
+        Exposure time in s; replaces the file's.
+
+    Raises
+    ------
+    FileFormatError
+        If the file lists fewer frames than the video has.
+    InputError
+        If neither the file nor `duration` gives the exposure time.
+
+    Warns
+    -----
+    RsdeblurWarning
+        If the file lists more frames, or its times differ from those of the video by half a frame interval or more.
+    """
+    path = checked_path(path)
+    file, count = open_captures(path), len(clip)
+    listed = encoded_timestamps(path) or file.timestamps
+    if len(listed) < count:
+        raise FileFormatError(
+            f"{path}: the file lists {len(listed)} frames, but {clip.path} has {count}; give that of this video"
+        )
+    encoded = listed[:count]
+    difference = np.abs(1e-9 * np.array([time - encoded[0] for time in encoded], np.float64) - clip.times).max()
+    interval = np.median(np.diff(clip.times)) if count > 1 else np.inf
+    if len(listed) > count or 2 * difference > interval:
+        _warn(
+            f"{path}: the file lists {len(listed)} frames, {clip.path} has {count}, and their timestamps differ by up "
+            f"to {1e3 * difference:.1f} ms; the first {count} are used in order"
+        )
+    exposures = []
+    for index in nearest_captures(file.timestamps, encoded):
+        time = file.durations[index] if duration is None else duration
+        if time is None:
+            raise InputError(
+                f"{path}: the file contains timestamps without exposure times; give the exposure time (--duration)"
+            )
+        exposures.append(Exposure(0.0, time, file.timestamps[index]))
+    return exposures

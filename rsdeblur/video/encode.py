@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-import heapq
 import os
 import time
 from collections import deque
 from collections.abc import Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from io import BytesIO
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur._util.files import checked_path
-from rsdeblur._util.memory import empty
 from rsdeblur.choices import CRF
-from rsdeblur.errors import InputError, OutputError, RsdeblurError
+from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurError
 from rsdeblur.types import Progress
-from rsdeblur.video._av import av
-from rsdeblur.video.clip import Clip, frames, open_container, reading
-from rsdeblur.video.pixels import frame_of, kept_frame, matrix_of, values_of
+from rsdeblur.video.clip import FULL_RANGE, LIMITED_RANGE, RGB, SCALING, Clip, av, frames, reading, values_of
 from rsdeblur.video.plan import ClipPlan
 
 CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
@@ -42,7 +36,7 @@ ENCODERS = {
     "rawvideo": "ffv1",  # lossless, too
 }
 FALLBACK = "libx264"
-# No frame refers to a later one, so packets come in the order of the frames, and get their timestamps.
+# No frame refers to a later one, so each packet is that of the frame whose number it has.
 OPTIONS = {
     # Intra blocks of 4 x 4 pixels would take a tenth more time for files of no better quality.
     "libx264": {"preset": "veryfast", "partitions": "p8x8,i8x8"},
@@ -50,8 +44,6 @@ OPTIONS = {
     "libvpx-vp9": {"b": "0", "deadline": "good", "cpu-used": "3", "auto-alt-ref": "0", "lag-in-frames": "0"},
     "libsvtav1": {"preset": "8", "svtav1-params": "pred-struct=1"},
 }
-# Frames whose time is taken to estimate that of all.
-TRIAL = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +64,7 @@ class Encoding:
 
     @classmethod
     def like(cls, clip: Clip, *, codec: str | None = None, crf: int = CRF) -> Encoding:
-        """Return the clip's encoding, or that of another `codec` with the clip's pixel format if it supports it.
+        """Return the clip's encoding, or that of another `codec` with the pixel format that is most like the clip's.
 
         Parameters
         ----------
@@ -96,10 +88,8 @@ class Encoding:
             raise InputError(f"FFmpeg has no video encoder called {name!r}; try libx264 or libx265")
         # The formats yuvj mean full range, which is a tag of the stream as well.
         own = clip.pixels.replace("yuvj", "yuv")
-        allowed = [kind.name for kind in encoder.video_formats or ()] or [own]
-        deep = "10" in own or "12" in own
-        wanted = (own, "yuv420p10le" if deep else "yuv420p", allowed[0])
-        return cls(encoder.name, next(pixels for pixels in wanted if pixels in allowed), crf)
+        best, _ = av.codec.find_best_pix_fmt_of_list(encoder.video_formats or [own], own)
+        return cls(encoder.name, best.name, crf)
 
 
 def _encoder(name: str) -> Any:
@@ -147,18 +137,25 @@ def check_output(clip: Clip, encoding: Encoding, output: Path, *, force: bool) -
         If not.
     """
     check_target(output, force=force)
-    if reason := _refusal(clip, encoding, "matroska", None):
-        size = f"{clip.width}x{clip.height} px, {encoding.pixels}"
-        raise OutputError(
-            f"{clip.path}: frames of {size}, cannot be encoded by {encoding.codec} ({reason}); use another --codec, "
-            "like ffv1, which is lossless, into .mkv"
+    kind = container_of(output)
+    with reading(clip.path) as source:
+        codecs = " and ".join([encoding.codec, *(sound.codec_context.name for sound in source.streams.audio)])
+        what = (
+            f"{encoding.codec} does not take frames of {clip.width}x{clip.height} px, {encoding.pixels}, or this "
+            f"container does not take {codecs}; use .mkv, or another --codec, like ffv1, which is lossless"
         )
-    with open_container(clip.path) as source:
-        if reason := _refusal(clip, encoding, container_of(output), source):
-            codecs = " and ".join([encoding.codec, *(sound.codec_context.name for sound in source.streams.audio)])
-            raise OutputError(
-                f"{output}: this container does not take {codecs} ({reason}); use .mkv, or another --codec"
-            )
+        with _writing(output, what), av.open(BytesIO(), "w", format=kind) as container:
+            _add_streams(source, container, clip, encoding)
+            container.start_encoding()  # writes the header
+
+
+@contextmanager
+def _writing(output: Path, what: str = "cannot write the video") -> Iterator[None]:
+    """Turn FFmpeg's errors in the block into errors that name the file to be written."""
+    try:
+        yield
+    except (av.error.FFmpegError, ValueError) as error:
+        raise OutputError(f"{output}: {what} ({getattr(error, 'strerror', error)})") from error
 
 
 def container_of(path: Path) -> str:
@@ -178,19 +175,6 @@ def container_of(path: Path) -> str:
     if suffix not in CONTAINERS:
         raise OutputError(f"{path}: unknown video extension {suffix!r}; use one of {', '.join(CONTAINERS)}")
     return CONTAINERS[suffix]
-
-
-def _refusal(clip: Clip, encoding: Encoding, kind: str, source: Any) -> str | None:
-    """Return why a container does not take the frames, and the copied streams of `source`; None if it does."""
-    try:
-        with av.open(BytesIO(), "w", format=kind) as container:
-            _add_pictures(container, clip, encoding, 1)
-            for stream in _copied_streams(source, container) if source else ():
-                container.add_stream_from_template(stream)
-            container.start_encoding()  # writes the header
-    except (av.error.FFmpegError, ValueError) as error:
-        return str(getattr(error, "strerror", error))
-    return None
 
 
 def deblur_video(
@@ -234,31 +218,31 @@ def deblur_video(
     output, clip, count = checked_path(output), plan.clip, len(plan.clip)
     check_output(clip, encoding, output, force=force)
     report_progress = progress or (lambda stage, fraction: None)
-    try:
-        with ExitStack() as stack:
-            source = stack.enter_context(open_container(clip.path))
-            file = stack.enter_context(atomic_write(output))
-            container = stack.enter_context(av.open(file, "w", format=container_of(output)))
-            container.metadata.update(source.metadata)
-            stream = _add_pictures(container, clip, encoding, jobs)
-            tags = source.streams.video[0].metadata
-            stream.metadata.update({key: value for key, value in tags.items() if key != "encoder"})
-            copies = {old: container.add_stream_from_template(old) for old in _copied_streams(source, container)}
-            for old, new in copies.items():
-                new.metadata.update(old.metadata)
-            pictures = stack.enter_context(closing(_pictures(plan, stream, range(count), jobs)))
-            done = 0
-            for packet in heapq.merge(pictures, _copied(clip, source, copies), key=_time):
-                done += packet.stream is stream
-                report_progress(f"{done} of {count} frames", done / count)
-                container.mux(packet)
-            left = [old.type for old in source.streams if old not in copies]
-            left.remove("video")
-    except RsdeblurError:
-        raise
-    except (av.error.FFmpegError, ValueError) as error:
-        raise OutputError(f"{output}: cannot write the video: {getattr(error, 'strerror', error)}") from error
-    with open_container(output) as made:
+    with (
+        reading(clip.path) as source,
+        atomic_write(output) as file,
+        av.open(file, "w", format=container_of(output)) as container,
+    ):
+        with _writing(output):
+            stream, copies = _add_streams(source, container, clip, encoding, jobs)
+        left = [old.type for old in source.streams if old not in copies]
+        left.remove("video")
+        ends = dict(zip(clip.timestamps, (*clip.timestamps[1:], clip.end), strict=True))
+        with closing(_new_items(plan, source, copies, encoding.pixels, jobs)) as items:
+            for item in items:
+                with _writing(output):
+                    if isinstance(item, av.Packet):
+                        item.stream = copies[item.stream]
+                        container.mux(item)
+                    else:
+                        container.mux(_encoded(stream, item, ends))
+                report_progress(f"{count - len(ends)} of {count} frames", 1 - len(ends) / count)
+        with _writing(output):
+            container.mux(_encoded(stream, None, ends))
+            container.close()
+        if ends:
+            raise InputError(f"{clip.path}: the encoder leaves out {len(ends)} of {count} frames; use another --codec")
+    with reading(output) as made:
         # PyAV cannot set it in Matroska, where VP9 and AV1 have it.
         if clip.aspect is not None and made.streams.video[0].sample_aspect_ratio != clip.aspect:
             left.append("shape of the pixels")
@@ -277,38 +261,42 @@ def estimated_seconds(plan: ClipPlan, encoding: Encoding, *, jobs: int = 1) -> f
     jobs : int, default 1
         Frames that are deblurred at a time.
     """
-    frames = len(plan.clip)
-    first = min(plan.lengths.index(plan.largest), max(0, frames - TRIAL))
-    numbers = range(first, min(first + TRIAL, frames))
-    seconds = []
+    clip, seconds = plan.clip, []
+    first = min(plan.lengths.index(plan.largest), max(0, len(clip) - 4))
+    some = list(frames(clip, first, min(first + 4, len(clip))))
     # The first trial loads compiled code.
     for share in (1.0, 1.0, 0.0):
         trial = replace(plan, shares=tuple(share if reason is None else 0.0 for reason in plan.reasons))
         begin = time.perf_counter()
-        with av.open(BytesIO(), "w", format="matroska") as container:
-            for packet in _pictures(trial, _add_pictures(container, plan.clip, encoding, 1), numbers, 1):
-                container.mux(packet)
-        seconds.append((time.perf_counter() - begin) / len(numbers))
+        with reading(clip.path) as source, av.open(BytesIO(), "w", format="matroska") as container:
+            stream = _add_pictures(source, container, clip, encoding)
+            for number, frame in enumerate(some, first):
+                container.mux(stream.encode(_restored(trial, number, frame, encoding.pixels)))
+            container.mux(stream.encode())
+        seconds.append((time.perf_counter() - begin) / len(some))
     _, treated, untouched = seconds
-    return (plan.treated * treated + (frames - plan.treated) * untouched) / jobs
+    return (plan.treated * treated + (len(clip) - plan.treated) * untouched) / jobs
 
 
-def _add_pictures(container: Any, clip: Clip, encoding: Encoding, threads: int) -> Any:
+def _add_pictures(source: Any, container: Any, clip: Clip, encoding: Encoding, threads: int = 1) -> Any:
     """Return a new stream of a container, with its encoder, for the frames of a clip."""
     # SVT-AV1 logs to stderr; level 1 means errors only.
     os.environ.setdefault("SVT_LOG", "1")
-    options = {"crf": str(encoding.crf)} | OPTIONS.get(encoding.codec, {})
-    stream = container.add_stream(encoding.codec, rate=clip.rate, options=options)
+    old = source.streams.video[0]
+    stream = container.add_stream(
+        encoding.codec, rate=clip.rate, options={"crf": str(encoding.crf)} | OPTIONS.get(encoding.codec, {})
+    )
     stream.width, stream.height, stream.pix_fmt = clip.width, clip.height, encoding.pixels
-    context = stream.codec_context
+    stream.metadata.update({key: value for key, value in old.metadata.items() if key != "encoder"})
+    context, tags = stream.codec_context, old.codec_context
     context.time_base = stream.time_base = clip.time_base
     if clip.aspect is not None:
         context.sample_aspect_ratio = clip.aspect
     context.max_b_frames = 0
     context.thread_count = threads
-    context.color_range = clip.colours.range
-    context.color_primaries, context.color_trc = clip.colours.primaries, clip.colours.transfer
-    context.colorspace = matrix_of(clip.colours.space, clip.pixels, encoding.pixels)
+    context.color_range = tags.color_range
+    context.color_primaries, context.color_trc = tags.color_primaries, tags.color_trc
+    context.colorspace = _matrix(int(tags.colorspace), clip.pixels, encoding.pixels)
     if clip.matrix is not None:
         stream.set_display_matrix(clip.matrix)
     if encoding.codec == "libx265" and container.format.name in ("mp4", "mov"):
@@ -317,33 +305,53 @@ def _add_pictures(container: Any, clip: Clip, encoding: Encoding, threads: int) 
     return stream
 
 
-def _pictures(plan: ClipPlan, stream: Any, numbers: range, jobs: int) -> Generator[Any, None, None]:
-    """Yield the packets of the frames with these numbers, stamped as in the clip."""
-    clip = plan.clip
-    times = [*clip.timestamps, clip.end]
-    waiting = iter(numbers)
-    with closing(_new_frames(plan, stream.pix_fmt, numbers, jobs)) as restored:
-        for frame in chain(restored, [None]):
-            for packet in stream.encode(frame):
-                number = next(waiting)
-                packet.pts = packet.dts = times[number]
-                packet.duration = times[number + 1] - times[number]
-                packet.time_base = clip.time_base
-                yield packet
-    if (left := next(waiting, None)) is not None:
-        raise InputError(f"{clip.path}: the encoder leaves out frame {left}; use another --codec")
+def _add_streams(
+    source: Any, container: Any, clip: Clip, encoding: Encoding, threads: int = 1
+) -> tuple[Any, dict[Any, Any]]:
+    """Add all streams to a container; return that of the frames, and the copies of the others by their originals."""
+    container.metadata.update(source.metadata)
+    stream = _add_pictures(source, container, clip, encoding, threads)
+    # FFmpeg calls GPMF, the motion data of GoPro's cameras, plain binary data. Other data have no name, and its writers
+    # refuse them; it writes the time code again from the tags of the file.
+    takes_data = container.format.name in ("mp4", "mov")
+    data = [old for old in source.streams.data if takes_data and old.name == "bin_data"]
+    copies = {old: container.add_stream_from_template(old) for old in (*source.streams.audio, *data)}
+    for old, new in copies.items():
+        new.metadata.update(old.metadata)
+    return stream, copies
 
 
-def _new_frames(plan: ClipPlan, pixels: str, numbers: range, jobs: int) -> Generator[Any, None, None]:
-    """Yield the new frames in their order; one more than `jobs` are decoded ahead."""
+def _items(plan: ClipPlan, source: Any, copies: dict[Any, Any]) -> Iterator[Any]:
+    """Yield the numbers of the frames with the frames, and the packets of the copied streams, as the file has them."""
+    clip, pictures = plan.clip, source.streams.video[0]
+    pictures.thread_type = "AUTO"
+    numbers = {timestamp: number for number, timestamp in enumerate(clip.timestamps)}
+    for packet in source.demux(pictures, *copies):
+        if packet.stream is pictures:
+            for frame in packet.decode():
+                if (number := numbers.pop(frame.pts, None)) is not None:
+                    yield number, frame
+        elif packet.dts is not None and packet.size:
+            yield packet
+    if numbers:
+        raise FileFormatError(f"{clip.path}: {len(numbers)} of {len(clip)} frames cannot be decoded")
+
+
+def _new_items(
+    plan: ClipPlan, source: Any, copies: dict[Any, Any], pixels: str, jobs: int
+) -> Generator[Any, None, None]:
+    """Yield the new frames in their order, and the packets of the copied streams; `jobs + 1` frames are under way."""
     waiting: deque[Future[Any]] = deque()
     pool = ThreadPoolExecutor(jobs)
     try:
-        with closing(frames(plan.clip, numbers.start, numbers.stop, threads=jobs)) as old:
-            for number, frame in zip(numbers, old, strict=True):
-                waiting.append(pool.submit(_restored, plan, number, frame, pixels))
-                if len(waiting) > jobs + 1:
-                    yield waiting.popleft().result()
+        for item in _items(plan, source, copies):
+            if isinstance(item, av.Packet):
+                yield item
+                continue
+            number, frame = item
+            waiting.append(pool.submit(_restored, plan, number, frame, pixels))
+            if len(waiting) > jobs + 1:
+                yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
     finally:
@@ -351,46 +359,43 @@ def _new_frames(plan: ClipPlan, pixels: str, numbers: range, jobs: int) -> Gener
         pool.shutdown(wait=False, cancel_futures=True)
 
 
+def _encoded(stream: Any, frame: Any, ends: dict[int, int]) -> list[Any]:
+    """Return packets of the next frames, or of the last ones if `frame` is None, and remove their times from `ends`."""
+    packets: list[Any] = stream.encode(frame)
+    for packet in packets:
+        # PyAV takes that of a mean frame.
+        packet.duration = ends.pop(packet.pts) - packet.pts
+    return packets
+
+
 def _restored(plan: ClipPlan, number: int, frame: Any, pixels: str) -> Any:
-    """Return a frame of the result."""
-    share = plan.shares[number]
-    if not share:
-        return kept_frame(frame, pixels)
-    try:
-        values = values_of(frame)
-        sharp = plan.frame(number).apply(values, out=empty(values.shape, np.uint16)).image
-    except RsdeblurError as error:
-        raise type(error)(f"{plan.clip.path}: frame {number}: {error}") from error
-    return frame_of(_mixed(values, sharp, share), frame, pixels)
+    """Return a frame of the result, in the pixel format `pixels`, with the tags of the original."""
+    share = np.float32(plan.shares[number])
+    matrix = _matrix(int(frame.colorspace), frame.format.name, pixels)
+    new = frame
+    own = frame.color_range or LIMITED_RANGE
+    ranges = {"src_color_range": own, "dst_color_range": own}
+    if share:
+        try:
+            values = values_of(frame)
+            sharp = plan.frame(number).apply(values, out=np.empty_like(values)).image
+        except RsdeblurError as error:
+            raise type(error)(f"{plan.clip.path}: frame {number}: {error}") from error
+        if share < 1:
+            sharp = np.rint((1 - share) * values + share * sharp).astype(np.uint16)
+        new, ranges["src_color_range"] = av.VideoFrame.from_ndarray(sharp, format=RGB), FULL_RANGE
+    new = new.reformat(format=pixels, dst_colorspace=matrix, interpolation=SCALING, **ranges)
+    new.color_range, new.colorspace = frame.color_range, matrix
+    new.color_primaries, new.color_trc = frame.color_primaries, frame.color_trc
+    new.pts, new.time_base = frame.pts, frame.time_base
+    new.pict_type = 0  # the encoder chooses
+    return new
 
 
-def _mixed(values: NDArray[np.uint16], sharp: NDArray[np.uint16], share: float) -> NDArray[np.uint16]:
-    """Return a frame mixed with its deblurred version."""
-    if share == 1:
-        return sharp
-    mixed = np.float32(1 - share) * values
-    mixed += np.float32(share) * sharp
-    levels: NDArray[np.uint16] = np.rint(mixed, out=mixed).astype(np.uint16)
-    return levels
+def _matrix(matrix: int, source: str, pixels: str) -> int:
+    """Return FFmpeg's number of the `matrix` of frames of the format `source` that are stored as `pixels`.
 
-
-def _copied_streams(source: Any, container: Any) -> list[Any]:
-    """Return the streams of an open video that a container takes over: sound, and the data of action cameras."""
-    # FFmpeg calls GPMF, the motion data of GoPro's cameras, plain binary data. Other data have no name, and its writers
-    # refuse them; it writes the time code again from the tags of the file.
-    data = [stream for stream in source.streams.data if stream.name == "bin_data"]
-    return [*source.streams.audio, *(data if container.format.name in ("mp4", "mov") else ())]
-
-
-def _copied(clip: Clip, source: Any, streams: dict[Any, Any]) -> Iterator[Any]:
-    if not streams:
-        return
-    with reading(clip.path):
-        for packet in source.demux(*streams):
-            if packet.dts is not None and packet.size:
-                packet.stream = streams[packet.stream]
-                yield packet
-
-
-def _time(packet: Any) -> float:
-    return float(packet.dts * packet.time_base)
+    RGB has none, or one that YCbCr cannot have.
+    """
+    was_rgb, is_rgb = (av.VideoFormat(name).is_rgb for name in (source, pixels))
+    return int(av.video.reformatter.Colorspace.ITU709) if was_rgb and not is_rgb else matrix

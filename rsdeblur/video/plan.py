@@ -27,15 +27,9 @@ from rsdeblur.pipeline.plan import Plan, captured, plan
 from rsdeblur.pipeline.solver import Strengths, chroma_of
 from rsdeblur.types import FloatArray, Progress
 from rsdeblur.video import QUALITY
-from rsdeblur.video.clip import Clip, frames
-from rsdeblur.video.pixels import CHANNELS, values_of
+from rsdeblur.video.clip import Clip, av, frames, values_of
 
-# Number of frames, spread over the video, whose noise and brightness represent all.
-SAMPLE_FRAMES = 5
-# Kernels at the tiles' centres may reach this much further than the probed paths, px.
-SPARE = 1
-# FFmpeg's numbers for transfer characteristics.
-LINEAR, HDR = 8, (16, 18)
+ColorTrc = av.video.reformatter.ColorTrc
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +89,7 @@ class ClipPlan:
     @property
     def chroma(self) -> Chroma:
         """Resolution at which colours are restored, with the largest kernels; with very small ones it is full."""
-        return chroma_of(self.options, self.psf_size, (self.clip.height, self.clip.width, CHANNELS))
+        return chroma_of(self.options, self.psf_size, (self.clip.height, self.clip.width, 3))
 
     def frame(self, index: int) -> Plan:
         """Return the plan of one frame, whose own motion decides its tiles.
@@ -176,26 +170,29 @@ def plan_clip(
     if refinement is not None and refinement.accepted:
         log, camera = refinement.log, refinement.camera
         measures, reasons = _measure(clip, log, camera, exposures, options, report_progress)
-    lengths, shares = _gate(measures, len(reasons), above)
-    measures = measures[shares[measures[:, 0].astype(int)] > 0]
+    lengths, shares = np.full(len(clip), np.nan), np.zeros(len(clip))
+    numbers = measures[:, 0].astype(int)
+    lengths[numbers] = measures[:, 1]
+    shares[numbers] = 1.0 if above == 0 else np.clip(measures[:, 1] / above - 1.0, 0.0, 1.0)
+    measures = measures[shares[numbers] > 0]
     if not len(measures):
         raise InputError(
             f"no frame is blurred by more than {above:g} px, the largest blur is "
-            f"{np.nanmax(lengths):.2g} px; there is nothing to deblur unless all frames are requested (--all)"
+            f"{np.nanmax(lengths):.2g} px; there is nothing to deblur unless all frames are requested (--above 0)"
         )
     reach = measures[:, 2:4].max(axis=0)[:: -1 if camera.horizontal_readout else 1]
     good = measures[:, 0].astype(int)
-    # Frames spread over the video decide the strengths; those with the fastest change need most tiles.
-    spread = _spread(good, SAMPLE_FRAMES)
+    # Five frames, spread over the video, represent the noise and brightness of all, and decide the strengths; those
+    # with the fastest change need most tiles.
+    spread = _spread(good, 5)
     samples: list[Plan] = []
-    checks: list[QualityCheck | None] = []
+    checks: list[QualityCheck] = []
     for i in sorted({*spread, *good[measures[:, 4:].argmax(axis=0)].tolist()}):
         report_progress(f"sample frame {i}", 1.0)
         values = _values(clip, i)
         samples.append(plan(log, camera, exposures[i], options).prepare(values))
-        if options.check and i in spread:
-            checks.append(samples[-1].apply(values).check)
-    _warn_of_bad(checks, clip)
+        if i in spread and (check := samples[-1].apply(values).check if options.check else None) is not None:
+            checks.append(check)
     banks = [sample.bank for sample in samples if sample.bank is not None]
     return ClipPlan(
         *(clip, log, camera, tuple(exposures), tuple(reasons)),
@@ -205,7 +202,7 @@ def plan_clip(
         psf_size=(2 * int(reach[0]) + 3, 2 * int(reach[1]) + 3),
         lengths=tuple(lengths.tolist()),
         shares=tuple(shares.tolist()),
-        check=_median_check(checks),
+        check=_median_check(checks, clip),
         refinement=refinement,
     )
 
@@ -222,14 +219,6 @@ def _spread(numbers: NDArray[np.intp], count: int) -> list[int]:
     return chosen
 
 
-def _more_blurred(measures: FloatArray) -> NDArray[np.intp]:
-    """Return the numbers of the more blurred half of the frames, or both of two."""
-    lengths = measures[:, 1]
-    least = min(np.median(lengths), np.sort(lengths)[-2:][0])
-    numbers: NDArray[np.intp] = measures[lengths >= least, 0].astype(np.intp)
-    return numbers
-
-
 def _refinement(
     clip: Clip,
     log: GyroLog,
@@ -239,8 +228,10 @@ def _refinement(
     options: Options,
     report_progress: Progress,
 ) -> Refinement:
-    """Return the correction of the recording by frames of the more blurred half."""
-    chosen = _spread(_more_blurred(measures), REFINED_FRAMES)
+    """Return the correction of the recording by frames of the more blurred half, or by both of two."""
+    lengths = measures[:, 1]
+    least = min(np.median(lengths), np.sort(lengths)[-2:][0])
+    chosen = _spread(measures[lengths >= least, 0].astype(np.intp), REFINED_FRAMES)
     if len(chosen) < 2:
         raise InputError(f"{clip.path}: refine=True needs two blurred frames that the log covers, got {len(chosen)}")
     first, *_ = refine(
@@ -254,15 +245,6 @@ def _refinement(
         progress=report_progress,
     )
     return first
-
-
-def _gate(measures: FloatArray, count: int, above: float) -> tuple[FloatArray, FloatArray]:
-    """Return path length and share of the deblurred frame for each of `count` frames."""
-    lengths, shares = np.full(count, np.nan), np.zeros(count)
-    measured = measures[:, 0].astype(int)
-    lengths[measured] = measures[:, 1]
-    shares[measured] = 1.0 if above == 0 else np.clip(measures[:, 1] / above - 1.0, 0.0, 1.0)
-    return lengths, shares
 
 
 def _check_options(options: Options) -> None:
@@ -280,14 +262,14 @@ def _check_options(options: Options) -> None:
 
 def _clip_transfer(clip: Clip) -> Transfer:
     """Return how values encode light, according to the video's tags."""
-    if clip.colours.transfer in HDR:
+    if clip.transfer in (ColorTrc.SMPTE2084, ColorTrc.ARIB_STD_B67):
         warnings.warn(
             f"{clip.path}: the video is HDR (HLG or PQ), and its values are decoded as sRGB; --transfer GAMMA may fit "
             "better",
             RsdeblurWarning,
             stacklevel=3,
         )
-    return "linear" if clip.colours.transfer == LINEAR else "srgb"
+    return "linear" if clip.transfer == ColorTrc.LINEAR else "srgb"
 
 
 def _median_strengths(samples: Sequence[Plan]) -> Strengths:
@@ -321,8 +303,8 @@ def _measure(
     for i, exposure in enumerate(exposures):
         try:
             capture = captured(frame, log, exposure, options)
-            # A kernel reaches up to 1 px further than its paths.
-            check_reach(capture, spare=1 + SPARE)
+            # Paths at tiles' centres reach up to 1 px further than those probed, and kernels 1 px further than paths.
+            check_reach(capture, spare=2)
         except (CoverageError, InputError) as error:
             first_error = first_error or error
             reasons.append(str(error))
@@ -338,14 +320,11 @@ def _measure(
     return np.array(measures), reasons
 
 
-def _median_check(checks: Sequence[QualityCheck | None]) -> QualityCheck | None:
-    ranked = sorted((check for check in checks if check is not None), key=lambda check: VERDICTS.index(check.verdict))
-    return ranked[len(ranked) // 2] if ranked else None
-
-
-def _warn_of_bad(checks: Sequence[QualityCheck | None], clip: Clip) -> None:
-    """Warn if most of the sample frames come out bad."""
-    bad = [check for check in checks if check is not None and check.verdict == "bad"]
+def _median_check(checks: Sequence[QualityCheck], clip: Clip) -> QualityCheck | None:
+    """Return the median check of the sample frames, if there is any; warn if most are bad."""
+    ranked = sorted(checks, key=lambda check: VERDICTS.index(check.verdict))
+    bad = [check for check in checks if check.verdict == "bad"]
     if 2 * len(bad) > len(checks):
         share = f"{len(bad)} of {len(checks)} sample frames come out bad"
         warnings.warn(f"{clip.path}: {share}: {' '.join(bad[0].reasons)}", RsdeblurWarning, stacklevel=3)
+    return ranked[len(ranked) // 2] if ranked else None

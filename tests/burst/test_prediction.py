@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, Exposure, hand_shake
-from rsdeblur.burst.prediction import predicted, rectangles
+from rsdeblur.burst.solution import predicted, rectangles
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.motion import Capture
 from rsdeblur.motion.paths import BlurPaths

@@ -1,21 +1,18 @@
-"""`rsdeblur video`: frames get sharper, everything else is kept, and an interrupt leaves nothing."""
+"""`rsdeblur video`: frames get sharper, and everything else is kept."""
 
 from __future__ import annotations
 
 import json
-import os
-import signal
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from click.testing import Result
 from numpy.typing import NDArray
-from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import Camera, Correction, Exposure, simulate
 from rsdeblur.estimate import Refinement
@@ -23,9 +20,6 @@ from rsdeblur.image.transfer import from_linear
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 from tests.installed import needs
-
-if TYPE_CHECKING:
-    from conftest import Processes
 
 av = needs("video")
 
@@ -136,14 +130,13 @@ def seen(path: Path) -> Seen:
     return Seen(pictures, kept, sound)
 
 
-def similarity(pictures: list[NDArray[Any]], truth: list[NDArray[np.float32]]) -> NDArray[Any]:
-    inner = np.s_[12:-12, 12:-12]
-    return np.array(
-        [peak_signal_noise_ratio(a[inner], b[inner], data_range=1.0) for a, b in zip(truth, pictures, strict=True)]
-    )
+def similarity(pictures: list[NDArray[Any]], truth: list[NDArray[np.float32]]) -> float:
+    """Return the mean PSNR away from the borders, dB."""
+    errors = (np.array(truth) - np.array(pictures))[:, 12:-12, 12:-12] ** 2
+    return float(-10 * np.log10(errors.mean(axis=(1, 2, 3))).mean())
 
 
-@pytest.mark.parametrize("method", [(), ("--mode", "rowwise"), ("--geometry", "rectify")])
+@pytest.mark.parametrize("method", [(), ("--mode", "rowwise")])
 def test_frames_get_sharper_and_all_else_is_kept(
     run: Run, movie: Movie, tmp_path: Path, method: tuple[str, ...]
 ) -> None:
@@ -155,21 +148,15 @@ def test_frames_get_sharper_and_all_else_is_kept(
     assert after.kept["turn"] == -90
     assert after.sound == before.sound
     assert len(after.sound) > 10
-    gain = similarity(after.pictures, movie.truth) - similarity(before.pictures, movie.truth)
-    if "rectify" not in method:  # its truth is another picture
-        # Measured 1.2 to 1.3 dB: 4:2:0 stores only a quarter of the colour samples.
-        assert gain.mean() > 0.8
+    # Measured 1.2 dB: 4:2:0 stores only a quarter of the colour samples.
+    assert similarity(after.pictures, movie.truth) > similarity(before.pictures, movie.truth) + 0.8
 
 
 def test_windows_follow_the_frames_own_timestamps(run: Run, movie: Movie, tmp_path: Path) -> None:
-    # Half an exposure off, the result is no better than the input. Measured 1.1 dB above and 0.6 dB below the input.
-    before = similarity(seen(movie.path).pictures, movie.truth).mean()
-    right, wrong = tmp_path / "right.mp4", tmp_path / "wrong.mp4"
-    for path, start in ((right, START), (wrong, START + 0.015)):
-        options = ("--start", start, "--duration", DURATION)
-        assert run(*movie.arguments(*options, *STRENGTHS, "-o", path)).exit_code == 0
-    assert similarity(seen(right).pictures, movie.truth).mean() > before + 0.8
-    assert similarity(seen(wrong).pictures, movie.truth).mean() < before
+    # Half an exposure off, the result is no better than the input.
+    out, wrong = tmp_path / "wrong.mp4", ("--start", START + 0.015, "--duration", DURATION)
+    assert run(*movie.arguments(*wrong, *STRENGTHS, "-o", out)).exit_code == 0
+    assert similarity(seen(out).pictures, movie.truth) < similarity(seen(movie.path).pictures, movie.truth)
 
 
 def test_captures_give_the_exposure_of_each_frame(run: Run, movie: Movie, tmp_path: Path) -> None:
@@ -190,7 +177,7 @@ def test_captures_give_the_exposure_of_each_frame(run: Run, movie: Movie, tmp_pa
     assert f"the file lists {FRAMES - 1} frames, but {movie.path} has {FRAMES}" in result.stderr
 
 
-@pytest.mark.parametrize(("tagged", "pixels"), [(True, "yuv420p"), (False, "yuv420p"), (True, "yuvj420p")])
+@pytest.mark.parametrize(("tagged", "pixels"), [(False, "yuv420p"), (True, "yuvj420p")])
 def test_colours_stay(run: Run, movie: Movie, tmp_path: Path, tagged: bool, pixels: str) -> None:
     # With a camera at rest, the output equals the input for every matrix and range.
     smooth = np.linspace(0.2, 0.8, WIDTH)[None, :, None] * np.array([1.0, 0.6, 0.3]) * np.ones((HEIGHT, 1, 1))
@@ -217,23 +204,11 @@ def test_frames_beyond_the_log_are_kept(run: Run, movie: Movie, tmp_path: Path) 
     assert 0 < facts["kept"] < FRAMES
     assert f"{facts['kept']} of {FRAMES} frames are kept as they are" in result.stderr
     before, after = seen(movie.path).pictures, seen(tmp_path / "out.mp4").pictures
-    assert peak_signal_noise_ratio(before[-1], after[-1], data_range=1.0) > 35  # encoded once more
+    assert similarity(after[-1:], before[-1:]) > 35  # encoded once more
     short.write_text("\n".join(lines[:4]) + "\n")
     result = run(*cut.arguments(*movie.stamped, "-o", tmp_path / "none.mp4"))
     assert result.exit_code == 1
     assert "does not cover the exposure" in result.stderr
-
-
-def test_an_interrupted_video_leaves_nothing(processes: Processes, movie: Movie, tmp_path: Path) -> None:
-    arguments = movie.arguments(*movie.stamped, "-o", tmp_path / "out.mp4")
-    with processes.started(*arguments) as process:
-        processes.until(process, lambda: list(tmp_path.glob(".*.part")))
-        os.killpg(process.pid, signal.SIGINT)
-        _, stderr = process.communicate()
-    # The process may end before the signal arrives.
-    if process.returncode:
-        assert (process.returncode, stderr) == (130, "rsdeblur: interrupted; no unfinished file is left\n")
-        assert not list(tmp_path.iterdir())
 
 
 def test_the_number_of_frames_at_a_time_changes_nothing(run: Run, movie: Movie, tmp_path: Path) -> None:
@@ -247,32 +222,26 @@ def test_the_number_of_frames_at_a_time_changes_nothing(run: Run, movie: Movie, 
     np.testing.assert_array_equal(*pictures)
 
 
-@pytest.mark.parametrize("accepted", [True, False])
 def test_frames_together_correct_the_recording(
-    run: Run, movie: Movie, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, accepted: bool
+    run: Run, movie: Movie, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def blur(*more: str) -> tuple[float, Any]:
+        command = movie.arguments(*movie.stamped, "--dry-run", "--json", "-o", tmp_path / "out.mov")
+        facts = json.loads(run(*command, *more).stdout)
+        return facts["largest_blur_px"], facts["refinement"]
+
     def correction(images: object, log: Any, camera: Camera, exposures: list[Exposure], **_: object) -> Any:
-        assert len(list(images)) == len(exposures) == 3
-        corrected = replace(camera, time_offset=4e-3) if accepted else camera
-        values = Correction(offset=4e-3)
-        facts = accepted, "" if accepted else "why", values, Correction(), 0.9, 50.0, 0.02
+        assert len(list(images)) == len(exposures) > 1
+        corrected = replace(camera, time_offset=4e-3)
+        facts = True, "", Correction(offset=4e-3), Correction(), 0.9, 50.0, 0.02
         return [Refinement(log, corrected, each, None, *facts) for each in exposures]
 
     monkeypatch.setattr("rsdeblur.video.plan.refine", correction)
-    monkeypatch.setattr("rsdeblur.video.plan.REFINED_FRAMES", 3)
-    out = tmp_path / "out.mov"
-    result = run(*movie.arguments(*movie.stamped, "--dry-run", "--refine", "-o", out))
-    assert f"{FRAMES} of {FRAMES} frames deblurred, the largest blur" in result.stdout
+    plain, corrected = blur(), blur("--refine")
+    assert plain[1] is None
+    assert corrected[1]["accepted"]
+    assert corrected[0] != plain[0]  # another clock, other blur
     assert not list(tmp_path.iterdir())
-    assert ("time offset +4.0 ms" in result.output) == accepted
-    assert "drift" not in result.output
-    assert ("Recording not corrected: why." in result.output) != accepted
-    facts = json.loads(run(*movie.arguments(*movie.stamped, "--dry-run", "--refine", "--json", "-o", out)).output)
-    assert facts["refinement"]["accepted"] == accepted
-    # Another clock, other blur.
-    plain = json.loads(run(*movie.arguments(*movie.stamped, "--dry-run", "--json", "-o", out)).output)
-    assert (facts["largest_blur_px"] == plain["largest_blur_px"]) != accepted
-    assert plain["refinement"] is None
 
 
 @pytest.mark.parametrize(

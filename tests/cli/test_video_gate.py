@@ -94,6 +94,24 @@ def test_only_blurred_frames_change(run: Run, recording: list[object], tmp_path:
     assert changed == [False, False, False, True, True, True, False, False]
 
 
+def test_frames_of_rgb_are_stored_alike(run: Run, recording: list[object], tmp_path: Path) -> None:
+    clip, out = tmp_path / "clip.mkv", tmp_path / "out.mkv"
+    write(clip, "ffv1", "bgr0")
+    still = tmp_path / "still.csv"
+    np.savetxt(still, np.column_stack([np.arange(0.0, 1.0, 0.005), np.zeros((200, 3))]), "%.6f", ",")
+    means = []
+    for more in ((), ("--above", 0, "--gyro", still)):  # the first frame is kept, then deblurred
+        options = ("--codec", "libx264", "--crf", 1, "--force", "-o", out, *more)
+        result = run("video", clip, *recording, *options)
+        assert result.exit_code == 0, result.output
+        with av.open(str(out)) as container:
+            frame = next(container.decode(video=0))
+        # RGB has no matrix that YCbCr could have.
+        assert (frame.format.name, int(frame.colorspace)) == ("yuv444p", 1)
+        means.append(frame.to_ndarray().astype(float).mean(axis=(1, 2)))
+    np.testing.assert_allclose(*means, atol=0.1)  # levels
+
+
 def test_motion_data_stay(run: Run, recording: list[object], tmp_path: Path) -> None:
     clip = tmp_path / "clip.mp4"
     write(clip, "libx264", "yuv420p")

@@ -21,7 +21,6 @@ from rsdeblur.kernels.floors import TilePowers
 from rsdeblur.kernels.frame import GATES, WORK
 from rsdeblur.kernels.rowwise import LANES, RowModel
 from rsdeblur.kernels.whittle import Tiles
-from rsdeblur.kernels.ycbcr import Coding
 from tests import oracles
 
 Array = np.ndarray[Any, Any]
@@ -113,7 +112,6 @@ BETWEEN = np.array([0, 0, 0, 1]), np.array([1, 1, 1, 1]), np.zeros(4, np.float32
 SECTORS = np.array([0, 2, 5, 9])
 # Octave of each sector.
 OCTAVES = np.array([0, 0, 1])
-CODING = Coding.of(0.2126, 0.0722, 12, full_range=False)
 
 
 def tiles(arrays: Arrays) -> Tiles:
@@ -185,8 +183,6 @@ ARGUMENTS: dict[str, Callable[[Arrays], list[Any]]] = {
     "limit": lambda h: [h(5, 7, 3), 0, 2, 3, h(3, 3), h(3, 3, 4), h(3, 3, 4)],
     "depths": lambda h: [h(5, 7, 3), 3, h(2, 3)],
     "fade_to": lambda h: [h(4, 4, 3), h(4, 4, 3), h(2, 3), BETWEEN, (*BETWEEN[:2], h(4))],
-    "to_rgb": lambda h: [h.levels(5, 7), h.levels(3, 4), h.levels(3, 4), CODING, h.levels(5, 7, 3)],
-    "from_rgb": lambda h: [h.levels(5, 7, 3), CODING, h.levels(5, 7), h.levels(3, 4), h.levels(3, 4)],
     "information": lambda h: [
         *(tiles(h), h(3, 2, 9)),
         (h(4, 3, dtype=np.float64), h(4, dtype=np.float64)),
