@@ -13,6 +13,7 @@ import rsdeblur
 from rsdeblur import Camera, Exposure, GyroLog, InputError, RsdeblurWarning, simulate
 from rsdeblur.deconv import tiling
 from rsdeblur.pipeline.deblur import psfs
+from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.simulation import Simulation
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -53,7 +54,7 @@ def test_banded_beats_global_and_the_input(capture: Simulation, log: GyroLog) ->
 def test_the_motion_chooses_the_mode(capture: Simulation, log: GyroLog) -> None:
     strong, calm = (GyroLog(log.t, factor * log.omega) for factor in (2.0, 0.1))
 
-    def result(log: GyroLog = strong, **kwargs: object) -> rsdeblur.DeblurResult:
+    def result(log: GyroLog = strong, **kwargs: object) -> DeblurResult:
         return rsdeblur.deblur(capture.blurred, log, CAMERA, EXPOSURE, check=False, **kwargs)
 
     chosen, same = result(), result(mode="rowwise")
