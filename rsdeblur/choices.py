@@ -12,8 +12,10 @@ MODES: tuple[Mode, ...] = get_args(Mode)
 
 Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian", "wavelet", "cnn"]
 PRIORS: tuple[Prior, ...] = get_args(Prior)
-# Penalties on derivatives.
+# Penalties on derivatives; `rsdeblur.deconv.priors.KINDS` describes them.
 DERIVATIVE_PRIORS: tuple[Prior, ...] = ("gradient", "tv", "hyper-laplacian")
+# Their results are linear in the picture.
+LINEAR_PRIORS: tuple[Prior, ...] = ("wiener", "gradient")
 # Module and function of the denoisers; another one needs its file, its name above and a row here.
 DENOISERS: dict[str, tuple[str, str]] = {"cnn": ("rsdeblur.deconv.cnn", "cnn_denoise")}
 

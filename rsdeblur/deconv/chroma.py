@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rsdeblur.choices import Prior
-from rsdeblur.deconv.priors import LEAST_PEAK
+from rsdeblur.deconv.priors import KINDS, LEAST_PEAK
 from rsdeblur.kernels.chroma import join, separate
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
@@ -81,7 +81,7 @@ def luma_share(prior: Prior | Denoiser, exponent: float) -> float:
     exponent : float
         Exponent of the hyper-Laplacian.
     """
-    power = 1.0 if prior == "tv" else exponent if prior == "hyper-laplacian" else 2.0
+    power = KINDS[prior].power(exponent) if isinstance(prior, str) and prior in KINDS else 2.0
     return LUMA_STRENGTH * math.pow(3.0, power / 2.0 - 1.0)
 
 

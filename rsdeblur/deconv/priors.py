@@ -67,6 +67,43 @@ GRADIENT = Sparsity(shrunk_grad_adjoint, TO_GRADIENT)
 DERIVATIVES = Sparsity(shrunk_derivatives_adjoint, TO_DERIVATIVES)
 
 
+class Kind(NamedTuple):
+    """A penalty on a power of derivatives.
+
+    Parameters
+    ----------
+    exponent : float or None
+        Its exponent p; None is the caller's.
+    sparsity : Sparsity or None
+        The derivatives; None for p = 2, which is one solve.
+    strength : float
+        Automatic weight, per root of p, where that of "gradient" and the energy of the gradient are 1
+        (docs/benchmarks/quality.md).
+    """
+
+    exponent: float | None
+    sparsity: Sparsity | None
+    strength: float
+
+    def power(self, exponent: float) -> float:
+        """Return its exponent.
+
+        Parameters
+        ----------
+        exponent : float
+            The caller's.
+        """
+        return exponent if self.exponent is None else self.exponent
+
+
+# The priors by name; `rsdeblur.choices.DERIVATIVE_PRIORS` lists the names.
+KINDS = {
+    "gradient": Kind(2.0, None, 1.0),
+    "tv": Kind(1.0, GRADIENT, 2.0),
+    "hyper-laplacian": Kind(None, DERIVATIVES, 1.6),
+}
+
+
 class QuadraticSolver(Protocol):
     """Interface on which priors are built: a solver that holds its observation g.
 
@@ -233,7 +270,7 @@ class DerivativePrior:
         ndarray, shape (H', W', C), float32
             In the frame of `solver`.
         """
-        if self.kind == "gradient":
+        if KINDS[self.kind].sparsity is None:
             latent = solver.solve(self.weight)
         else:
             for done, step in enumerate(self.steps(solver, threads=threads), 1):
@@ -278,7 +315,8 @@ class DerivativePrior:
         Step
         """
         # Derivatives are proportional to the peak, so the largest one that vanishes must be, too.
-        exponent, sparsity = (1.0, GRADIENT) if self.kind == "tv" else (self.exponent, DERIVATIVES)
+        exponent, sparsity = KINDS[self.kind].power(self.exponent), KINDS[self.kind].sparsity
+        assert sparsity is not None, "restore() solves it at once"
         weight, peak = self.weight, max(1.0 if self.peak is None else self.peak, LEAST_PEAK)
         penalties = [penalty * peak ** (exponent - 2.0) for penalty in penalties]
         latent = guess = solver.solve(weight * penalties[0], None, sparsity.coupling) if start is None else start

@@ -27,9 +27,9 @@ from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
-from rsdeblur.choices import EXPONENT, Prior
+from rsdeblur.choices import DERIVATIVE_PRIORS, EXPONENT, Prior
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
-from rsdeblur.deconv.priors import DerivativePrior
+from rsdeblur.deconv.priors import KINDS, DerivativePrior
 from rsdeblur.deconv.wavelet import MOST_VARIANCE, Factors, WaveletPrior, frame_responses
 from rsdeblur.estimate.blur_spectra import BlurSpectra
 from rsdeblur.estimate.floors import ASSUMED, Floors, measure_floors
@@ -53,11 +53,8 @@ PATH_ERROR = ABSORBED * ASSUMED
 # nearly still, what a phone's processing leaves looks like an error larger than the motion itself, and its detail would
 # be taken for noise. Nor is it more than this share of the paths' spread about their mean, which drawn PSFs widen.
 MOST_PATH_ERROR_SHARE, MOST_OF_SPREAD = 0.25, 0.5
-# Weight of total variation where that of the gradient prior is 1 and E is 1; and that of a penalty on first and second
-# derivatives, times the root of its exponent.
-TV_STRENGTH, DERIVATIVES_STRENGTH = 2.0, 1.6
-# Share of both in a picture of one channel, whose derivatives are shorter than those of three channels together, and
-# which of them vanish is decided with more noise. (docs/developer/decisions.md)
+# Share of a sparse prior's weight in a picture of one channel, whose derivatives are shorter than those of three
+# channels together, and which of them vanish is decided with more noise. (docs/developer/decisions.md)
 GREY_STRENGTH = 0.6
 # Candidates for the NSR and for the weight of the gradient prior.
 LADDER = np.geomspace(1e-5, 10.0, 73)
@@ -191,12 +188,12 @@ class Tuning:
         exponent : float
             Exponent of the hyper-Laplacian, in (0, 1]; the other priors ignore it.
         """
-        validate.choice("prior", prior, ("gradient", "tv", "hyper-laplacian"))
+        kind = KINDS[validate.choice("prior", prior, DERIVATIVE_PRIORS)]
         weight = self.gradient_weight
-        if prior == "gradient":
+        if kind.sparsity is None:
             return weight
-        power = 1.0 if prior == "tv" else validate.exponent(exponent)
-        factor = TV_STRENGTH if prior == "tv" else DERIVATIVES_STRENGTH * power**0.5
+        power = kind.power(validate.exponent(exponent))
+        factor = kind.strength * power**0.5
         if self.channels == 1:
             factor *= GREY_STRENGTH
         return _strength(factor * weight * self.energy ** (1 - power / 2))

@@ -260,7 +260,8 @@ class Options:
         quality="fast" asks for half.
         """
         prior = self.prior_in_effect
-        is_default = prior in ("tv", "hyper-laplacian") or (prior == "wiener" and self.quality == "fast")
+        is_sparse = prior in choices.DERIVATIVE_PRIORS and prior not in choices.LINEAR_PRIORS
+        is_default = is_sparse or (prior == "wiener" and self.quality == "fast")
         halves = self.chroma == "half" or (self.chroma == "auto" and self._may_halve_chroma and is_default)
         return "half" if halves else "full"
 
@@ -306,7 +307,7 @@ class Options:
 
     @property
     def _may_halve_chroma(self) -> bool:
-        return self.prior_in_effect in ("wiener", "gradient", "tv", "hyper-laplacian") and self.border != "unknown"
+        return self.prior_in_effect in ("wiener", *choices.DERIVATIVE_PRIORS) and self.border != "unknown"
 
 
 def _checks() -> dict[str, Callable[[str, Any], Any]]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.choices import DENOISERS
+from rsdeblur.choices import DENOISERS, LINEAR_PRIORS
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import (
@@ -214,7 +214,7 @@ def solve_chunks(
     options, size, threads = solver.options, solver.bank.size, solver.options.threads
     coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, split.encoded.shape[:2])
     # Linear methods, of which the published filter is one, stay linear.
-    is_corrected = options.prior_in_effect not in ("wiener", "gradient")
+    is_corrected = options.prior_in_effect not in LINEAR_PRIORS
     memory = None if options.max_memory is None else options.max_memory - split.nbytes
     chunks = plan_chunks(solver, split.encoded.shape, memory)
     for n, chunk in enumerate(chunks):

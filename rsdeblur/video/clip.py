@@ -232,6 +232,11 @@ def frames(clip: Clip, first: int, stop: int) -> Iterator[Any]:
 def values_of(frame: Any) -> NDArray[np.uint16]:
     """Return a frame as RGB, shape (H, W, 3), decoded as its tags say.
 
+    Parameters
+    ----------
+    frame : av.VideoFrame
+        The frame as PyAV decodes it.
+
     Raises
     ------
     InputError
