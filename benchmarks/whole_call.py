@@ -22,8 +22,8 @@ from rsdeblur.choices import Quality
 
 # Megapixels, and the strength of the shake that makes PSFs of some 50 x 65 px.
 SIZES = {3: 0.55, 12: 0.27}
-# The solve of "best" has a benchmark of its own, benchmarks.rowwise.
-TIMED: tuple[Quality, ...] = ("fast", "balanced")
+# The default, and tiles and rows alone.
+TIMED: tuple[Quality, ...] = ("fast", "balanced", "best")
 
 
 def rows(megapixels: int, rounds: int, load: float) -> list[tuple[str, ...]]:

@@ -25,12 +25,26 @@ from rsdeblur.psf import tile_centres
 
 # A frame whose mean weight over the reference's detail is less contributes nothing: its motion or its scene is another.
 LEAST_SUPPORT = 0.5
+# Least variance of a frame that may be the reference, as a share of that of the middle one (a quarter of the light has
+# a sixteenth), and the rows and columns of which one is measured.
+LEAST_VARIANCE, STEP = 0.01, 4
+# Weight of the data of other frames in the choice of the reference: the errors of two motions are in them.
+OTHERS = 0.5
+# Share of the least further error of any frame that is the reference's own; the rest is that of its alignment.
+OWN = 0.5
+# Most frames measured at a time: one of 12 megapixels takes 0.16 GiB.
+TOGETHER = 4
+# Error of the paths as a share of the PSF's radius, where the least blurred frame of a burst is chosen, before other
+# frames show how large the errors are: real motion errs by that much.
+FRAME_ERROR_SHARE = 0.03
+# Error of resampling the frames of a burst, px: of their alignment and, where pictures are as sharp as their pixels, of
+# interpolation. Only their shares depend on it. Chosen on eight bursts (docs/developer/decisions.md).
+RESAMPLING_ERROR = 0.25
 
 
 def measured(splits: Sequence[HighlightSplit], captures: Sequence[Capture], options: Options) -> list[Tuning]:
     """Measure each frame on its own; threads share the frames."""
-    # One frame of 12 megapixels takes 0.16 GiB.
-    threads = min(4, thread_count(options.threads))
+    threads = min(TOGETHER, thread_count(options.threads))
     return share_map(lambda n: _measured(splits[n], captures[n], options), range(len(splits)), threads)
 
 
@@ -77,10 +91,9 @@ def aligned(
     if not validate.is_auto(reference):
         candidates, errors = [int(reference)], np.ones(len(splits))
     else:
-        # A frame of a covered lens expects no error, because it shows nothing; it is no reference. Others vary enough:
-        # a quarter of the light has a sixteenth of the variance.
-        variances = np.array([split.remainder(slice(None), 4).var() for split in splits])
-        faint = variances < 0.01 * np.median(variances)
+        # A frame of a covered lens expects no error, because it shows nothing; it is no reference.
+        variances = np.array([split.remainder(slice(None), STEP).var() for split in splits])
+        faint = variances < LEAST_VARIANCE * np.median(variances)
         energy = float(np.mean([tunings[n].energy for n in np.flatnonzero(~faint).tolist()]))
         errors = np.array([restoration_error(tuning, energy) for tuning in tunings])
         errors[faint] = np.inf
@@ -88,8 +101,7 @@ def aligned(
     best, most = None, 0.0
     for index in candidates:
         burst = _fitted(index, splits, captures, tunings, clock, threads)
-        # The data of other frames count half: the errors of two motions are in them.
-        supports = [1.0 if frame.fit is None else 0.5 * frame.fit.support for frame in burst.frames]
+        supports = [1.0 if frame.fit is None else OTHERS * frame.fit.support for frame in burst.frames]
         data = float((np.array(supports) / np.maximum(errors, np.finfo(float).tiny)).sum())
         if best is None or data > most:
             best, most = burst, data
@@ -135,9 +147,8 @@ def _fitted(
         frames[n] = replace(frame, fit=found, tuning=tuning)
         if found.support >= LEAST_SUPPORT:
             error_shares.append(error_share)
-    # The errors of the reference are in all differences, so they are not larger than the least of these. Half of that
-    # counts as its own; the rest is that of the alignment.
-    tuning = with_path_errors(reference.tuning, 0.5 * min(error_shares, default=0.0))
+    # The errors of the reference are in all differences, so they are not larger than the least of these.
+    tuning = with_path_errors(reference.tuning, OWN * min(error_shares, default=0.0))
     frames[index] = replace(reference, tuning=tuning)
     return AlignedBurst(index, tuple(frames))
 
@@ -168,10 +179,7 @@ def combined(
     first = frames[0]
     power = np.array([frame.noise_power(first.energy) for frame in frames])
     errors = np.zeros(len(frames)) if tile_errors is None else np.array(tile_errors, dtype=np.float64)
-    # Error of resampling, px: of the alignment and, where pictures are as sharp as their pixels, of interpolation. Only
-    # the shares depend on it. Chosen on eight bursts (docs/developer/decisions.md).
-    resampling_error = 0.25
-    errors[1:] += resampling_error**2
+    errors[1:] += RESAMPLING_ERROR**2
     # What is wrong by e px changes the blurred picture by e times its gradient.
     left = np.array([frame.spectra.gradient_left for frame in frames])
     precision = 1.0 / (power + first.energy * left * errors)
@@ -215,8 +223,7 @@ def restoration_error(tuning: Tuning, energy: float) -> float:
     `energy` is E of the sharp picture.
     """
     signal = energy * tuning.spectra.signal
-    # Before other frames show how large the errors of the paths are: real motion errs by 3 % of the PSF's radius.
-    errors = energy * (0.03 * tuning.radius) ** 2
+    errors = energy * (FRAME_ERROR_SHARE * tuning.radius) ** 2
     noise = tuning.noise_power(energy) + errors + tuning.border_error * signal
     known = noise + tuning.spectra.power * signal
     return float(np.divide(signal * noise, known, out=np.zeros_like(known), where=known > 0).mean())

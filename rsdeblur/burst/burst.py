@@ -33,6 +33,9 @@ from rsdeblur.pipeline.steps import judged, split_highlights
 from rsdeblur.pipeline.tiles import with_mode
 from rsdeblur.types import Float32Array, Progress
 
+# Most frames of a burst.
+MOST_FRAMES = 64
+
 
 @one_line()
 @dataclass(frozen=True, slots=True, eq=False)
@@ -263,8 +266,8 @@ def check_burst(
     images: Sequence[ArrayLike], log: GyroLog, camera: Camera, exposures: Sequence[Exposure], options: Options
 ) -> None:
     """Raise `InputError` unless the frames are those of a burst that can be solved with these options."""
-    if not 2 <= len(images) <= 64:
-        raise InputError(f"a burst needs 2 to 64 frames, got {len(images)}")
+    if not 2 <= len(images) <= MOST_FRAMES:
+        raise InputError(f"a burst needs 2 to {MOST_FRAMES} frames, got {len(images)}")
     if len(images) != len(exposures):
         raise InputError(f"each frame needs an exposure, got {len(images)} frames and {len(exposures)} exposures")
     for n, (image, exposure) in enumerate(zip(images, exposures, strict=True)):

@@ -19,6 +19,20 @@ from rsdeblur.types import Float32Array
 # Standard deviations in px of the smoothing, and half widths of the windows as shares of the shorter side, from coarse
 # to fine. The first window is the whole picture.
 LEVELS = ((8.0, None), (4.0, 1 / 4), (2.0, 1 / 8), (1.0, 1 / 12))
+# Newton steps per level.
+STEPS = 3
+# Standard deviation of the shift from that of the coarser level, px: windows that do not prove a shift keep that one.
+SHIFT_DEVIATION = 0.5
+# Gains are measured where the reference has this share of its mean brightness, and are limited.
+LEAST_BRIGHT, MOST_GAIN = 0.2, 1e3
+# Half width of the window over which the misfit is averaged, px.
+MISFIT_RADIUS = 6
+# Errors of the shift itself, px.
+SHIFT_ERROR = 0.2
+# Differences of brightness as a share of it: vignetting, flicker, the camera's own processing.
+GAIN_ERROR = 0.01
+# Mean squared misfit, in units of its expectation, up to which a frame counts fully, and from which on it is left out.
+FULL_WEIGHT, NO_WEIGHT = 4.0, 16.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,19 +99,16 @@ def fit_frame(
     """
     shift, gain = _residual_shift(frame, reference, known, expected)
     misfit, slope = np.square(sampled(frame, shift) / np.float32(gain) - reference), _slope(reference)
-    mean = _window_mean(6)
+    mean = _window_mean(MISFIT_RADIUS)
     share = np.maximum(mean(known), 1e-6)
-    shift_error = 0.2  # px
-    path_error = expected.path_error + shift_error**2
+    path_error = expected.path_error + SHIFT_ERROR**2
     least = expected.noise + path_error * mean(slope * known) / share
-    # Brightness differs by 1 %: vignetting, flicker, the camera's own processing.
-    least = least + np.square(0.01 * mean(reference))
+    least = least + np.square(GAIN_ERROR * mean(reference))
     ratio = mean(misfit * known) / share / np.maximum(least, np.finfo(np.float32).tiny)
     if known.any():
         nearest = ndimage.distance_transform_edt(known == 0, return_distances=False, return_indices=True)
         ratio = ratio[tuple(nearest)]
-    # A frame counts fully up to 4 times the expected mean squared misfit; from 16 times on, it is left out.
-    fading = np.clip((16.0 - ratio) / (16.0 - 4.0), 0.0, 1.0)
+    fading = np.clip((NO_WEIGHT - ratio) / (NO_WEIGHT - FULL_WEIGHT), 0.0, 1.0)
     weights = (fading * fading * (3.0 - 2.0 * fading)).astype(np.float32)
     detail = slope * known
     support = float((weights * detail).sum() / max(float(detail.sum()), np.finfo(np.float32).tiny))
@@ -118,9 +129,8 @@ def _residual_shift(
         shift = _resized(shift, here.shape, step / last)
         radius = None if part is None else round(max(8, part * min(reference.shape)) / step)
         spread = 4 * np.pi * (smoothing**2 + expected.blur) / step**2
-        # Windows that do not prove a shift keep that of the coarser level, to a standard deviation of 0.5 px.
-        level = _Level(here, there, known[::step, ::step], radius, spread, 0.5 / step, shift)
-        for _ in range(3):
+        level = _Level(here, there, known[::step, ::step], radius, spread, SHIFT_DEVIATION / step, shift)
+        for _ in range(STEPS):
             shift, gain = level.step(shift, smoothing / step)
         last = step
     return shift, gain
@@ -186,11 +196,11 @@ class _Level:
 
     def _gain(self, moved: Float32Array) -> float:
         """Return the median ratio of the shifted frame to the reference, which no moving thing can change."""
-        bright = (self._known > 0) & (self._here > 0.2 * self._here.mean())
+        bright = (self._known > 0) & (self._here > LEAST_BRIGHT * self._here.mean())
         if not bright.any():
             return 1.0
         ratio = float(np.median(moved[bright] / self._here[bright]))
-        return float(np.clip(ratio, 1 / 1e3, 1e3))
+        return float(np.clip(ratio, 1 / MOST_GAIN, MOST_GAIN))
 
     def step(self, shift: Float32Array, most: float) -> tuple[Float32Array, float]:
         """Return the shift after a step of Newton's method, no part of it longer than `most`, and the frame's gain."""

@@ -21,9 +21,15 @@ from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Float32Array, FloatArray, FloatImage
 
+# Longer side of the pictures that are compared, px, to within the rounding of a whole factor.
+SIDE = 640
 # Distance in px between the points whose places are traced; between them, interpolation errs by less than 0.01 px for
 # shifts of up to 100 px.
 NODE_STEP = 16
+# Places this close to the frame, px, count as in it: its own pixels are found to within rounding.
+ROUNDING = 0.01
+# Rows beyond a part that the spline of its pixels depends on: it decays by 0.43 from row to row.
+SPLINE_ROWS = 16
 # Bands and strips in which equally blurred pictures are computed.
 FIT_TILES = 8, 4
 
@@ -95,8 +101,8 @@ class BurstFrame:
 
     @cached_property
     def factor(self) -> int:
-        """Whole factor by which pictures are reduced for the comparison, to a longer side of about 640 px."""
-        return max(1, round(max(self.encoded.shape[:2]) / 640))
+        """Whole factor by which pictures are reduced for the comparison."""
+        return max(1, round(max(self.encoded.shape[:2]) / SIDE))
 
     @cached_property
     def grey(self) -> Float32Array:
@@ -138,10 +144,8 @@ class BurstFrame:
         weights *= seen
         if not seen.any():
             return np.zeros((*x.shape, channels), dtype=np.float32), weights
-        # Rows beyond a part that the spline of its pixels depends on: it decays by 0.43 from row to row.
-        more = 16
-        top = max(int(y[seen].min()) - more, 0)
-        stop = min(int(y[seen].max()) + 1 + more, height)
+        top = max(int(y[seen].min()) - SPLINE_ROWS, 0)
+        stop = min(int(y[seen].max()) + 1 + SPLINE_ROWS, height)
         source = self.split.remainder(slice(top, stop))
         source /= np.float32(self.fit.gain)
         to_spline(source, threads)
@@ -155,10 +159,10 @@ class BurstFrame:
         return weights
 
     def _shows(self, x: Float32Array, y: Float32Array) -> NDArray[np.bool_]:
-        """Return whether places of the frame lie in it; its own pixels are found to within rounding."""
-        (height, width, _), near = self.encoded.shape, 0.01
+        """Return whether places of the frame lie in it."""
+        height, width, _ = self.encoded.shape
         shown: NDArray[np.bool_] = np.logical_and(
-            (x >= -near) & (x <= width - 1 + near), (y >= -near) & (y <= height - 1 + near)
+            (x >= -ROUNDING) & (x <= width - 1 + ROUNDING), (y >= -ROUNDING) & (y <= height - 1 + ROUNDING)
         )
         return shown
 

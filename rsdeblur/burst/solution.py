@@ -30,8 +30,14 @@ from rsdeblur.pipeline.tiles import tile_errors, tile_paths
 from rsdeblur.psf import PsfBank, size_of, tile_centres
 from rsdeblur.types import FloatArray, FloatImage, StageProgress
 
-# Bytes that the solve may use by default.
-MEMORY = 1 << 30
+# Mean weight over a whole frame from which on it shows the same scene everywhere.
+ALIKE = 0.99
+# Side of the cells that rectangles consist of, px.
+CELL = 64
+# Share of the picture, with what blur brings in from around the rectangles, from which on everything is blurred.
+MOST_SHARE = 0.6
+# Bytes that the solve may use by default. The default grows to this multiple of what the smallest chunks need.
+MEMORY, ABOVE_LEAST = 1 << 30, {"global": 1.1, "banded": 1.1, "rowwise": 1.25}
 
 Part = tuple[slice, slice]
 
@@ -68,7 +74,7 @@ class BurstSolution:
         strengths = tuned_strengths(tuning, options, peak)
         # Where other frames do not show the scene, they repeat the result of the reference alone. For narrow margins, a
         # Wiener filter is good enough; for things that move, it costs up to 0.6 dB (tv, eight simulated bursts).
-        alike = len(frames) > 1 and all(frame.fit is None or frame.fit.weights.mean() > 0.99 for frame in frames)
+        alike = len(frames) > 1 and all(frame.fit is None or frame.fit.weights.mean() > ALIKE for frame in frames)
         simple = replace(options, prior="wiener", nsr="auto", weight="auto", exponent=EXPONENT) if alike else options
         alone = tuned_strengths(tunings[0], simple, peak)
         own = share_map(
@@ -122,7 +128,7 @@ class BurstSolution:
             return most - sum(frame.split.nbytes for frame in self.frames[1:])
         # The default bound grows to a multiple of the least rather than refuse the burst or cut it into thin chunks.
         least = least_memory(self, self.frames[0].encoded.shape)
-        return max(MEMORY, int((1.25 if self.options.mode_in_effect == "rowwise" else 1.1) * least))
+        return max(MEMORY, int(ABOVE_LEAST[self.options.mode_in_effect] * least))
 
     def _solve(self, chunk: Chunk, light: FloatImage, progress: StageProgress) -> FloatImage:
         """Return the sharp light of a chunk of rows; `light` is that of the reference, which is solved alone first."""
@@ -219,8 +225,7 @@ def predicted(
     """
     parts = list(rectangles(wanted))
     around = [_around(part, wanted.shape, bank.size) for part in parts]
-    # From that share of the picture on, all of it costs less.
-    if sum((rows.stop - rows.start) * (cols.stop - cols.start) for rows, cols in around) > 0.6 * wanted.size:
+    if sum((rows.stop - rows.start) * (cols.stop - cols.start) for rows, cols in around) > MOST_SHARE * wanted.size:
         parts = list(rectangles(np.ones_like(wanted)))
     for part in parts:
         whole = _around(part, wanted.shape, bank.size)
@@ -232,21 +237,20 @@ def predicted(
 
 
 def rectangles(wanted: NDArray[np.bool_]) -> Iterator[Part]:
-    """Yield disjoint rectangles, made of cells of 64 x 64 px, that cover where a mask (H, W) is true."""
-    cell = 64
-    starts = [range(0, n, cell) for n in wanted.shape]
+    """Yield disjoint rectangles, made of cells, that cover where a mask (H, W) is true."""
+    starts = [range(0, n, CELL) for n in wanted.shape]
     cells = np.logical_or.reduceat(np.logical_or.reduceat(wanted, starts[0], axis=0), starts[1], axis=1)
     for top, left in np.argwhere(cells):
         if not cells[top, left]:
             continue
         right, bottom = left, top
-        while right < min(left + LONGEST // cell, cells.shape[1]) and cells[top, right]:
+        while right < min(left + LONGEST // CELL, cells.shape[1]) and cells[top, right]:
             right += 1
-        while bottom < min(top + LONGEST // cell, cells.shape[0]) and cells[bottom, left:right].all():
+        while bottom < min(top + LONGEST // CELL, cells.shape[0]) and cells[bottom, left:right].all():
             bottom += 1
         cells[top:bottom, left:right] = False
         limits = zip((top, left), (bottom, right), wanted.shape, strict=True)
-        rows, cols = (slice(int(first) * cell, min(int(stop) * cell, n)) for first, stop, n in limits)
+        rows, cols = (slice(int(first) * CELL, min(int(stop) * CELL, n)) for first, stop, n in limits)
         yield rows, cols
 
 

@@ -106,13 +106,15 @@ def tile_errors(capture: Capture) -> tuple[float, float]:
     """
     probe = capture.probe
     paths, places = probe.displacements, (probe.rows, probe.cols)
-    errors = [0.0, 0.0]
-    for axis, at in enumerate(places):
-        if len(at) > 1:
-            change = np.square(np.diff(paths, axis=axis)).sum(axis=-1).mean() / (at[1] - at[0]) ** 2
-            errors[axis] = float(change * np.square(paths[..., 1 - axis]).mean())
-    down, across = errors
-    return down, across
+
+    def error(axis: int) -> float:
+        at = places[axis]
+        if len(at) == 1:
+            return 0.0
+        change = np.square(np.diff(paths, axis=axis)).sum(axis=-1).mean() / (at[1] - at[0]) ** 2
+        return float(change * np.square(paths[..., 1 - axis]).mean())
+
+    return error(0), error(1)
 
 
 def with_mode(options: Options, captures: Iterable[Capture]) -> Options:

@@ -44,6 +44,8 @@ OPTIONS = {
     "libvpx-vp9": {"b": "0", "deadline": "good", "cpu-used": "3", "auto-alt-ref": "0", "lag-in-frames": "0"},
     "libsvtav1": {"preset": "8", "svtav1-params": "pred-struct=1"},
 }
+# Frames whose time is taken to estimate that of all.
+TRIAL = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,8 +264,8 @@ def estimated_seconds(plan: ClipPlan, encoding: Encoding, *, jobs: int = 1) -> f
         Frames that are deblurred at a time.
     """
     clip, seconds = plan.clip, []
-    first = min(plan.lengths.index(plan.largest), max(0, len(clip) - 4))
-    some = list(frames(clip, first, min(first + 4, len(clip))))
+    first = min(plan.lengths.index(plan.largest), max(0, len(clip) - TRIAL))
+    some = list(frames(clip, first, min(first + TRIAL, len(clip))))
     # The first trial loads compiled code.
     for share in (1.0, 1.0, 0.0):
         trial = replace(plan, shares=tuple(share if reason is None else 0.0 for reason in plan.reasons))

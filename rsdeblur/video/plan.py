@@ -30,6 +30,8 @@ from rsdeblur.video import QUALITY
 from rsdeblur.video.clip import Clip, av, frames, values_of
 
 ColorTrc = av.video.reformatter.ColorTrc
+# Number of frames, spread over the video, whose noise and brightness represent all.
+SAMPLE_FRAMES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,9 +184,8 @@ def plan_clip(
         )
     reach = measures[:, 2:4].max(axis=0)[:: -1 if camera.horizontal_readout else 1]
     good = measures[:, 0].astype(int)
-    # Five frames, spread over the video, represent the noise and brightness of all, and decide the strengths; those
-    # with the fastest change need most tiles.
-    spread = _spread(good, 5)
+    # Frames spread over the video decide the strengths; those with the fastest change need most tiles.
+    spread = _spread(good, SAMPLE_FRAMES)
     samples: list[Plan] = []
     checks: list[QualityCheck] = []
     for i in sorted({*spread, *good[measures[:, 4:].argmax(axis=0)].tolist()}):
