@@ -22,7 +22,7 @@ from rsdeblur.choices import Quality
 
 # Megapixels, and the strength of the shake that makes PSFs of some 50 x 65 px.
 SIZES = {3: 0.55, 12: 0.27}
-# The default, and tiles and rows alone.
+# Tiles with the published filter, the default (tiles here, by its motion), and rows.
 TIMED: tuple[Quality, ...] = ("fast", "balanced", "best")
 
 
