@@ -15,10 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.estimate.noise import OCTAVES
-from rsdeblur.estimate.periodograms import DIRECTION, DIRECTIONS, GRADIENT, RADIUS, TILE, periodograms, power_of
+from rsdeblur.estimate.periodograms import (
+    DIRECTION,
+    DIRECTIONS,
+    GRADIENT,
+    NOISE_FROM,
+    NOISE_TO,
+    RADIUS,
+    TILE,
+    noise_between,
+    periodograms,
+    power_of,
+)
 from rsdeblur.kernels.floors import TilePowers, fit_floors
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import FloatImage
+from rsdeblur.types import FloatArray, FloatImage
 
 # Most tiles that are compared: more take longer, and results hardly change.
 MOST_TILES = 32
@@ -31,6 +42,10 @@ LOWEST = 1.5 / TILE
 # Error of the paths that is assumed, px, and the number of frequencies that this assumption counts for.
 ASSUMED, WEIGHT = 0.06, 100.0
 STEPS = 80
+# A camera that denoises leaves more noise on coarse scales. Ring of frequencies that is compared with the finest,
+# cycles/px, and the share of the tiles that have no more noise there: others have texture. White noise has at most the
+# first ratio of amplitudes, also in a JPEG; a photo with the second one is processed (`python -m benchmarks.noise`).
+COARSE, QUIET, WHITE, PROCESSED = (0.125, 0.177), 0.1, 1.5, 2.5
 
 
 class Floors(NamedTuple):
@@ -43,10 +58,13 @@ class Floors(NamedTuple):
         picture: white noise has the same in all.
     path_error : float
         Mean square of the errors of the paths, px^2. It is too low, because the powers of the scene absorb a part.
+    processed : float, default 0.0
+        How clearly the noise has the colour that denoising leaves, from 0 (white) to 1.
     """
 
     octave_noise: tuple[float, ...]
     path_error: float
+    processed: float = 0.0
 
 
 def measure_floors(light: FloatImage, bank: PsfBank) -> Floors | None:
@@ -76,11 +94,19 @@ def measure_floors(light: FloatImage, bank: PsfBank) -> Floors | None:
         np.abs(centres[:, None] - at - (TILE - 1) / 2).argmin(axis=0)
         for centres, at in zip((bank.rows, bank.cols), places.T, strict=True)
     )
-    powers = _powers(tiles, bank.kernels[rows, cols])
+    power = periodograms(np.moveaxis(tiles, -1, 1)).mean(axis=1)
+    powers = _powers(tiles, power, bank.kernels[rows, cols])
     # Most frequencies contain little of the scene.
     noise = float(np.quantile(powers.measured / powers.noise, 0.2))
     variances, squared = fit_floors(powers, (noise, ASSUMED**2), STEPS, WEIGHT)
-    return Floors(tuple((float(peak) * np.sqrt(variances)).tolist()), squared)
+    return Floors(tuple((float(peak) * np.sqrt(variances)).tolist()), squared, _processed(power, variances))
+
+
+def _processed(power: NDArray[np.float32], variances: FloatArray) -> float:
+    """Return how clearly noise has the colour that denoising leaves, by quiet tiles and by the fit, from 0 to 1."""
+    ratios = np.sqrt(noise_between(power, *COARSE) / noise_between(power, NOISE_FROM, NOISE_TO))
+    ratio = min(np.quantile(ratios, QUIET), np.sqrt(variances[-2] / variances[-1]))
+    return float(np.clip((ratio - WHITE) / (PROCESSED - WHITE), 0.0, 1.0))
 
 
 def _noisy(tiles: NDArray[np.float32], least: np.float32) -> NDArray[np.bool_]:
@@ -103,16 +129,15 @@ def _places(height: int, width: int) -> NDArray[np.intp]:
     return np.stack(np.meshgrid(tops, lefts, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def _powers(tiles: NDArray[np.float32], kernels: NDArray[np.float32]) -> TilePowers:
-    """Return the powers of tiles (T, TILE, TILE, C), each with its kernel (T, kh, kw)."""
+def _powers(tiles: NDArray[np.float32], power: NDArray[np.float32], kernels: NDArray[np.float32]) -> TilePowers:
+    """Return the powers of tiles (T, TILE, TILE, C) with these periodograms, each with its kernel (T, kh, kw)."""
     octave = np.digitize(RADIUS, OCTAVES)
     cell = octave * DIRECTIONS + DIRECTION
     used = np.flatnonzero(RADIUS > LOWEST)
     used = used[np.argsort(cell.flat[used], kind="stable")]
     _, first = np.unique(cell.flat[used], return_index=True)
     measured, left = (
-        power.reshape(len(tiles), -1)[:, used].astype(np.float64)
-        for power in (periodograms(np.moveaxis(tiles, -1, 1)).mean(axis=1), power_of(kernels[None])[0])
+        each.reshape(len(tiles), -1)[:, used].astype(np.float64) for each in (power, power_of(kernels[None])[0])
     )
     scene = (GRADIENT / RADIUS.clip(LOWEST) ** 2).flat[used]
     noise = GRADIENT.flat[used]

@@ -13,6 +13,8 @@ from rsdeblur.types import FloatArray
 TILE = 64
 # Directions of frequencies in which a scene has a power of its own: the power of a door's edges, say.
 DIRECTIONS = 8
+# Frequencies that mostly contain noise, cycles/px.
+NOISE_FROM, NOISE_TO = 0.35, 0.5
 
 _DOWN, _ACROSS = np.meshgrid(scipy.fft.fftfreq(TILE), scipy.fft.rfftfreq(TILE), indexing="ij")
 # Frequencies of `numpy.fft.rfft2` of a tile, cycles/px, and the squared response of both differences together.
@@ -45,6 +47,27 @@ def periodograms(tiles: NDArray[np.float32]) -> NDArray[np.float32]:
         difference = np.diff(tiles, axis=axis, prepend=np.take(tiles, [0], axis=axis)).astype(np.float32)
         power += np.abs(scipy.fft.rfft2(difference * window)) ** 2
     return power
+
+
+def noise_between(power: NDArray[np.float32], low: float, high: float) -> NDArray[np.float32]:
+    """Return the power of white noise in each tile: the least of several directions in a ring of frequencies.
+
+    A scene and a blur have a direction, noise has none. Noise of the picture's average does not do: a likelihood needs
+    the noise of each tile, in the units of its periodogram.
+
+    Parameters
+    ----------
+    power : ndarray, shape (..., TILE, TILE // 2 + 1)
+        Power of the tiles, see :func:`periodograms`.
+    low, high : float
+        Bounds of the ring, cycles/px.
+    """
+    ring = (low < RADIUS) & (high > RADIUS)
+    white = power / np.maximum(GRADIENT, 1e-9)
+    least: NDArray[np.float32] = np.min(
+        [white[..., ring & (sector == DIRECTION)].mean(axis=-1) for sector in range(DIRECTIONS)], axis=0
+    )
+    return np.maximum(least, 1e-12).astype(np.float32)
 
 
 def wrapped(kernels: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:

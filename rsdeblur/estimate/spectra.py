@@ -9,7 +9,18 @@ from numpy.typing import NDArray
 
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.periodograms import DIRECTION, DIRECTIONS, GRADIENT, RADIUS, TILE, periodograms, power_of
+from rsdeblur.estimate.periodograms import (
+    DIRECTION,
+    DIRECTIONS,
+    GRADIENT,
+    NOISE_FROM,
+    NOISE_TO,
+    RADIUS,
+    TILE,
+    noise_between,
+    periodograms,
+    power_of,
+)
 from rsdeblur.image.frame import upright
 from rsdeblur.kernels import whittle
 from rsdeblur.motion.paths import BlurPaths
@@ -19,9 +30,6 @@ from rsdeblur.types import FloatArray
 # Frequencies that are compared, cycles/px. Below them the window smears; above them there are only the corners of the
 # spectrum.
 LOWEST, HIGHEST = 1.5 / TILE, 0.5
-# Frequencies that mostly contain noise, cycles/px. Some directions may contain signal there, so the weakest is the
-# noise.
-NOISE_FROM, NOISE_TO = 0.35, 0.5
 # Bounds of the rings in which phones leave noise of different power, cycles/px: half octaves. Of all tiles, this share
 # has no more than the noise there.
 RINGS = 2.0 ** np.arange(-4.5, -1.0, 0.5)
@@ -196,7 +204,7 @@ class TilePeriodograms:
         self.sectors = np.searchsorted(DIRECTION.flat[self._used], np.arange(DIRECTIONS + 1))
         tiles = np.lib.stride_tricks.sliding_window_view(grey, (TILE, TILE))[np.ix_(tops, lefts)]
         power = periodograms(tiles)
-        noise = _noise(power).reshape(-1, 1)
+        noise = noise_between(power, NOISE_FROM, NOISE_TO).reshape(-1, 1)
         self.power = np.ascontiguousarray(power.reshape(len(noise), -1)[:, self._used])
         self.noise = (noise * GRADIENT.flat[self._used]).astype(np.float32)
         if not white:
@@ -273,17 +281,3 @@ def spectra_side(recording: Recording) -> int:
 def _places(n: int) -> NDArray[np.intp]:
     """Return the first pixels of tiles that overlap by about half and span `n` px."""
     return np.round(np.linspace(0, n - TILE, -(-2 * (n - TILE) // TILE) + 1)).astype(np.intp)
-
-
-def _noise(power: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the power of white noise in each tile: the least of several directions at high frequencies.
-
-    Noise of the picture's average does not do: a likelihood needs the noise of each tile, in the units of its
-    periodogram, and not confused with detail that has a direction.
-    """
-    high = (RADIUS > NOISE_FROM) & (RADIUS < NOISE_TO)
-    white = power / np.maximum(GRADIENT, 1e-9)
-    least: NDArray[np.float32] = np.min(
-        [white[..., high & (sector == DIRECTION)].mean(axis=-1) for sector in range(DIRECTIONS)], axis=0
-    )
-    return np.maximum(least, 1e-12).astype(np.float32)

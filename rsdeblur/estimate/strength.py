@@ -47,6 +47,10 @@ FINE_NOISE = 4.0
 ABSORBED = 2.5
 # The same for kernels that are given, which count as exact: most of what looks like an error of theirs is noise.
 ABSORBED_BY_EXACT = 1.5
+# Factor on the mean square of the error in a photo that a camera has denoised: its processing changes the scene, too,
+# and what it leaves makes walls look crinkled after deblurring. Chosen by eye on real photos
+# (docs/developer/decisions.md).
+OF_PROCESSED = 3.0
 # Error of the paths in px, where the picture is too small to measure it.
 PATH_ERROR = ABSORBED * ASSUMED
 # Largest error of the paths as a share of the PSF's radius, where that is more than `PATH_ERROR`. In a photo that is
@@ -153,8 +157,11 @@ class Tuning:
             share = max(share, bank.size[0] / light.shape[0])
         radius = _radius(bank)
         most = max(MOST_PATH_ERROR_SHARE * radius, min(PATH_ERROR, MOST_OF_SPREAD * _spread(bank)))
-        absorbed = ABSORBED_BY_EXACT if bank.displacements is None else ABSORBED
-        path_error = min(absorbed**2 * floors.path_error, most**2)
+        # Own kernels count as exact.
+        factor = ABSORBED_BY_EXACT**2
+        if bank.displacements is not None:
+            factor = ABSORBED**2 * (1.0 + floors.processed * (OF_PROCESSED - 1.0))
+        path_error = min(factor * floors.path_error, most**2)
         border_error = 0.0 if repeats else share**2 / 4
         return cls(octave_noise, energy, radius, border_error, spectra, path_error, light.shape[2])
 

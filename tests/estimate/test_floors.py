@@ -50,6 +50,16 @@ def test_a_wrong_psf_is_noticed(blurred: np.ndarray) -> None:
     assert across > 10 * right
 
 
+def test_denoised_noise_has_a_colour(blurred: np.ndarray) -> None:
+    bank = PsfBank(line(7), [100], [140])
+    white = noisy(np.full_like(blurred, 0.5), 0.02)
+    # A Gaussian of 1 px leaves 0.7 of the amplitude at 0.15 cycles/px, and 0.05 at 0.4.
+    smoothed = ndimage.gaussian_filter(white, (1, 1, 0))
+    assert [measure_floors(picture, bank).processed for picture in (white, smoothed)] == [0.0, 1.0]
+    # Texture in all directions, in the pictures of a sensor, is no processing.
+    assert measure_floors(noisy(blurred, 0.01), bank).processed == 0.0
+
+
 @pytest.mark.parametrize("shape", [(63, 200, 1), (200, 200, 1)])
 def test_what_cannot_be_measured(shape: tuple[int, int, int]) -> None:
     even = np.full(shape, 0.5, np.float32)
