@@ -74,6 +74,7 @@ from rsdeblur.io.pictures import is_picture as is_picture
 from rsdeblur.io.pictures import read_header as read_header
 from rsdeblur.io.pictures import read_picture as read_picture
 from rsdeblur.io.samples import GyroFile as GyroFile
+from rsdeblur.io.sessions import SessionPhoto as SessionPhoto
 from rsdeblur.io.sessions import camera_in as camera_in
 from rsdeblur.io.sessions import files_in as files_in
 from rsdeblur.io.sessions import gyro_log_in as gyro_log_in

@@ -21,12 +21,10 @@ from rsdeblur.cli._log import (
     read_log,
     warn_of_axes,
 )
-from rsdeblur.cli._options import Recording, flag
+from rsdeblur.cli._options import ONE_OF_MANY, Recording, flag, refuse_given
 from rsdeblur.cli._output import printable, progress, say_detail
 from rsdeblur.errors import CoverageError, FileFormatError, InputError
 
-# Options that mean one moment, so that several photos cannot share them.
-ONE_MOMENT = ("index", "start", "start_ns")
 # Frames by which telemetry and video may differ.
 MOST_MISSING = 2
 # Lengths of the log after its end from which a moment is rather in another unit than just missed by the log.
@@ -84,21 +82,16 @@ def checked_offset(found: rs.OffsetSearch, photos: Sequence[Path]) -> float:
 
 
 def recordings_of(photos: Sequence[Path], recording: Recording) -> list[Recording]:
-    """Return the recording of each photo; several photos need moments of their own."""
-    is_listed = len(photos) > 1 and recording.capture is not None and recording.start != "exif"
-    if recording.numbered_from is not None and not is_listed:
-        raise _usage("--numbered-from is for several photos whose exposures are in --capture")
+    """Return the recording of each photo; several photos have moments of their own, which the capture file lists."""
     if len(photos) == 1:
+        refuse_given("is for several photos whose exposures are in --capture", numbered_from=recording.numbered_from)
         return [recording]
-    given = [flag(name) for name in ONE_MOMENT if getattr(recording, name) not in (None, "exif")]
-    if given or (recording.capture is None and recording.start is None):
-        found = f"{', '.join(given)} is one moment" if given else "no exposure is given"
+    refuse_given(ONE_OF_MANY, index=recording.index, start=recording.start, start_ns=recording.start_ns)
+    if recording.capture is None:
         raise _usage(
-            f"{len(photos)} photos, but {found}; use --start exif, --capture with photos named after their "
-            "timestamps or frame numbers, or a manifest: rsdeblur batch"
+            f"{len(photos)} photos, but no exposure is given; use --capture with photos named after their timestamps "
+            "or frame numbers"
         )
-    if not is_listed:
-        return [recording] * len(photos)
     return [replace(recording, index=index) for index in indices_of(photos, recording)]
 
 

@@ -13,7 +13,7 @@ import sys
 import time
 import unicodedata
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -26,8 +26,7 @@ from rsdeblur.errors import OutputError, RsdeblurError, RsdeblurWarning
 
 # Key of the context's `meta` under which the level of detail is: -1 quiet, 1 verbose.
 LEVEL = "rsdeblur.level"
-# Exit code of a command of several jobs if some of them failed, and the errors that end a job alone.
-SOME_FAILED = 3
+# Errors that end one of several jobs alone.
 FAILURES = RsdeblurError, click.UsageError, OSError
 
 
@@ -66,22 +65,6 @@ def reason(error: Exception, file: object = "") -> str:
     if isinstance(error, OSError) and error.filename is not None:
         message = f"{error.filename}: {error.strerror}"
     return message if str(file) in message else f"{file}: {message}"
-
-
-def attempt(facts: dict[str, Any], file: Path, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Return the facts with those that a job returns, or with its error, which is printed and ends this job alone."""
-    try:
-        return facts | work()
-    except FAILURES as error:
-        message = reason(error, file)
-        say_aside(f"error: {message}")
-        return facts | {"error": message}
-
-
-def exit_if_failed(entries: Iterable[Mapping[str, Any]]) -> None:
-    """End the command with an exit code if some of its jobs failed."""
-    if any("error" in entry for entry in entries):
-        click.get_current_context().exit(SOME_FAILED)
 
 
 @contextmanager

@@ -149,7 +149,7 @@ def check_sources(context: click.Context, recording: Recording, psf: Path | None
         return
     blur = [each.name for each in fields(Options) if each.metadata.get("section") == BLUR]
     # Kernels have no half colours, and results are not checked.
-    motion = (*ONE_PHOTO, "numbered_from", *blur, "chroma", "fallback")
+    motion = (*ONE_PHOTO, *blur, "chroma", "fallback")
     given = [flag(name) for name in motion if context.get_parameter_source(name) is not ParameterSource.DEFAULT]
     if given:
         raise click.UsageError(

@@ -24,7 +24,6 @@ from rsdeblur.cli._items import COLUMNS, Item, read_items
 from rsdeblur.cli._options import FILES, SERIES, Command, Recording, Target, option, shared_threads
 from rsdeblur.cli._output import (
     capture_warnings,
-    exit_if_failed,
     level,
     prepare_folder,
     print_json,
@@ -42,6 +41,7 @@ from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarn
 from rsdeblur.pipeline.options import COMPUTING, Options
 
 TABLE = "batch.csv"
+SOME_FAILED = 3  # exit code
 COLUMNS_OF_TABLE = (
     *("photo", "output", "state", "mode", "bands", "strips", "psf_px", "prior", "nsr", "weight", "seconds"),
     *("verdict", "reasons", "error"),
@@ -49,13 +49,15 @@ COLUMNS_OF_TABLE = (
 # Rows of a table that fits a screen.
 MOST_ROWS = 40
 
-HELP = f"""Deblur all photos of a manifest or of a logger's folder.
+HELP = f"""Deblur many photos: those of a manifest, of a logger's folder, or several PHOTOs.
 
 A photo that fails does not stop the others.
 
 MANIFEST is a CSV file with a line for each photo. Its first line names the columns: photo, and if needed
 {", ".join(name for name in COLUMNS if name != "photo")}. They mean what the options of `deblur` mean; empty cells take
-the options given here. FOLDER is a session of MARS logger or OpenCamera Sensors that contains photos or frames.
+the options given here. FOLDER is a session of MARS logger or OpenCamera Sensors that contains photos or frames. PHOTOs
+share the log and the camera; their exposures come from EXIF, with --start exif, or from --capture, by the timestamps or
+frame numbers in their names.
 
 A second run skips the photos that are done, which batch.json lists. The command writes batch.csv and batch.json beside
 the photos. Exit code 3: some photos failed.
@@ -65,12 +67,13 @@ Examples:
   rsdeblur batch manifest.csv -o sharp
   rsdeblur batch manifest.csv --gyro gyro.csv --camera phone.toml --capture frames.csv --jobs 4 -o sharp
   rsdeblur batch mars_session/ --camera phone.toml -o sharp --dry-run
+  rsdeblur batch a.jpg b.jpg --gyro Gyroscope.csv --camera phone.toml --start exif -o sharp
   rsdeblur batch manifest.csv -o sharp --scheduler tcp://cluster:8786
 """
 
 
 @click.command("batch", cls=Command, help=HELP, epilog=EXAMPLES)
-@click.argument("source", type=PATH, metavar="MANIFEST|FOLDER")
+@click.argument("sources", type=PATH, metavar="MANIFEST|FOLDER|PHOTO...", nargs=-1, required=True)
 @_options.recording_options(*SERIES, required=())
 @_options.solve_options(*(name for name in _options.SOLVE if name != "refine"))
 @_options.refine_option
@@ -83,13 +86,13 @@ Examples:
 )
 @_options.target_options(
     "DIR",
-    "Folder to write to.  [default: MANIFEST-sharp or FOLDER-sharp beside it]",
-    default=lambda source, **_: _options.beside(source, SHARP),
+    "Folder to write to.  [default: MANIFEST-sharp or FOLDER-sharp beside it; of photos, that of their first folder]",
+    default=lambda sources, **_: _options.beside(sources[0] if len(sources) == 1 else sources[0].parent, SHARP),
     dry_run=True,
     report=True,
 )
 def command(
-    source: Path,
+    sources: tuple[Path, ...],
     recording: Recording,
     options: Options,
     refine: bool | None,
@@ -97,11 +100,11 @@ def command(
     scheduler: str | None,
     target: Target,
 ) -> None:
-    """Deblur the photos of a manifest or of a session folder."""
+    """Deblur many photos."""
     options = _options.with_refinement(options, refine)
-    items = read_items(source, recording, target.output)
+    items = read_items(sources, recording, target.output)
     if not items:
-        raise InputError(f"{source}: there is nothing to do, because no photo is listed")
+        raise InputError(f"{sources[0]}: there is nothing to do, because no photo is listed")
     jobs, threads = shared_threads(jobs, options.threads, alone=scheduler is None)
     earlier = _earlier(target.output / BATCH)
     prepare_folder(target.output, [TABLE, BATCH], force=target.force or bool(earlier), dry_run=target.dry_run)
@@ -110,7 +113,9 @@ def command(
     batch.run(replace(options, threads=threads), bool(refine), jobs, scheduler)
     summary = batch.summary() | {"seconds": time.perf_counter() - begin}
     if target.report is not None and not target.dry_run:
-        rs.write_batch_page(target.report, batch.entries, title=source.name)
+        rs.write_batch_page(
+            target.report, batch.entries, title=sources[0].name if len(sources) == 1 else f"{len(sources)} photos"
+        )
     if target.as_json:
         print_json(summary)
     else:
@@ -118,7 +123,8 @@ def command(
     for entry in batch.entries:
         if "error" in entry:
             say_aside(f"error: {entry['error']}")
-    exit_if_failed(batch.entries)
+    if any("error" in entry for entry in batch.entries):
+        click.get_current_context().exit(SOME_FAILED)
 
 
 def _earlier(path: Path) -> dict[str, Any]:

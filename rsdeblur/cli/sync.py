@@ -53,8 +53,6 @@ def command(
     timestamps or frame numbers in their names.
     """
     from_exif = recording.start == "exif"
-    if from_exif and len(photos) > 1:
-        raise click.UsageError("--start exif: times in EXIF differ from photo to photo; give one photo")
     if first is not None and last is not None and first >= last:
         raise click.UsageError(f"--from {1e3 * first:g}ms must be less than --to {1e3 * last:g}ms")
     if write:

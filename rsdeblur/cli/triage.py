@@ -126,7 +126,7 @@ def _frames(source: Path, recording: Recording) -> list[_Shot]:
 def _photos(source: Path, recording: Recording, output: Path | None) -> list[_Shot]:
     """Return the photos of a folder or of a manifest."""
     shots = []
-    for item in read_items(source, recording, output or source / "triage"):
+    for item in read_items([source], recording, output or source / "triage"):
         known, failure = None, item.error
         if item.recording is not None:
             try:
