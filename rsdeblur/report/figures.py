@@ -17,7 +17,6 @@ from rsdeblur.image.highlights import at_full_scale
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.report.drawings import box_sums
 from rsdeblur.types import FloatArray, FloatImage
 
 Level = Literal["warning", "note", "good"]
@@ -119,19 +118,6 @@ def motion_data(log: GyroLog, camera: Camera, exposure: Exposure) -> dict[str, A
         "t": np.round(1e3 * (t[near] - start), 4).tolist(),
         "rates": np.round(rates[near].T, 6).tolist(),
     }
-
-
-def telling_place(first: NDArray[np.floating], other: NDArray[np.floating]) -> tuple[float, float]:
-    """Return (x, y) of the middle of the part in which two pictures differ most, px.
-
-    The part is half as wide and as high as the picture. Flat differences, as of brightness, do not count.
-    """
-    height, width = first.shape[:2]
-    grey = np.subtract(other, first, dtype=np.float32).reshape(height, width, -1).mean(axis=2)
-    tall, wide = max(height // 2, 1), max(width // 2, 1)
-    sums = box_sums(np.pad(np.abs(np.diff(grey, axis=1)), ((0, 0), (0, 1))), tall, wide)
-    y, x = np.unravel_index(int(sums.argmax()), sums.shape)
-    return float(x) + wide / 2, float(y) + tall / 2
 
 
 class Finding(NamedTuple):

@@ -27,8 +27,8 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.psf import PsfBank
-from rsdeblur.report.drawings import bank_data, picture_uris, thumbnail_uri, weight_map_uri
-from rsdeblur.report.figures import LEVELS, VERDICT_LEVELS, Finding, band_figures, findings, motion_data, telling_place
+from rsdeblur.report.drawings import bank_data, picture_uris, telling_place, thumbnail_uri, weight_map_uri
+from rsdeblur.report.figures import LEVELS, VERDICT_LEVELS, Finding, band_figures, findings, motion_data
 
 STAGES = ("highlights", "tune", "align", "psfs", "plan", "apply", "rectify", "check")
 TIMES, NONE = "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
