@@ -22,7 +22,7 @@ from typing import Any, NoReturn
 
 import click
 
-from rsdeblur.cli._output import level, printable, say_aside, tolerant_output
+from rsdeblur.cli._output import level, printable, say_aside, tolerate_output
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
 # The most important ones first.
@@ -72,7 +72,8 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; exit with 1 for refused input and 128 plus the signal's number when interrupted."""
-        with ending_signals(), tolerant_output(), _one_line_warnings():
+        tolerate_output()
+        with ending_signals(), _one_line_warnings():
             try:
                 return super().invoke(ctx)
             except RsdeblurError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import NamedTuple
 
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._options import Recording
+from rsdeblur.cli._output import capture_warnings
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
 FileState = tuple[int, ...] | None
@@ -58,10 +60,8 @@ def known_log(recording: Recording) -> tuple[rs.GyroFile, list[str]]:
 def _gyro_file(
     path: Path, _: FileState, format: str | None, unit: str | None, orientation: str | None, rate: float | None
 ) -> tuple[rs.GyroFile, list[str]]:
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", RsdeblurWarning)
-        file = rs.open_gyro(path, format, unit=unit, orientation=orientation, rate=rate)
-    return file, [str(warning.message) for warning in caught]
+    with capture_warnings(show=False) as messages:
+        return rs.open_gyro(path, format, unit=unit, orientation=orientation, rate=rate), messages
 
 
 def accelerometer(path: Path) -> rs.AccelerationLog | None:
@@ -71,12 +71,9 @@ def accelerometer(path: Path) -> rs.AccelerationLog | None:
 
 @lru_cache(maxsize=1)
 def _acceleration(path: Path, _: FileState) -> rs.AccelerationLog | None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RsdeblurWarning)
-        try:
-            return rs.read_acceleration(path)
-        except RsdeblurError:
-            return None
+    with capture_warnings(show=False), suppress(RsdeblurError):
+        return rs.read_acceleration(path)
+    return None
 
 
 def warn_of_axes(file: rs.GyroFile, camera: rs.Camera, recording: Recording) -> None:

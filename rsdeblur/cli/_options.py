@@ -28,8 +28,6 @@ Decorator = Callable[[Function], Function]
 RECORDING, OUTPUT = "Recording", "Output"
 # Sections of the help in their order; options of a command's own come first.
 SECTIONS = ("Options", RECORDING, BLUR, SOLVER, COMPUTING, OUTPUT)
-# A shorter list of options needs no sections.
-LEAST_OPTIONS = 12
 # Default number of threads in a process: with many, most would wait while the process reads or writes a file. Memory of
 # the machine for each process with fewer threads, bytes.
 THREADS, PROCESS_MEMORY = 2, 2**31
@@ -70,7 +68,7 @@ def _set_level(ctx: click.Context, param: click.Parameter, value: bool) -> None:
 
 
 class Command(click.Command):
-    """A command with --quiet and --verbose, whose help lists many options in sections."""
+    """A command with --quiet and --verbose, whose help lists options in sections."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -81,13 +79,10 @@ class Command(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options in sections."""
-        options = [param for param in self.get_params(ctx) if isinstance(param, click.Option)]
         sections: dict[str, list[tuple[str, str]]] = {title: [] for title in SECTIONS}
-        for each in options:
-            record = each.get_help_record(ctx)
-            if record is not None:
-                title = each.section if isinstance(each, Option) else OUTPUT
-                sections[title if len(options) >= LEAST_OPTIONS else SECTIONS[0]].append(record)
+        for each in self.get_params(ctx):
+            if (record := each.get_help_record(ctx)) is not None:
+                sections[each.section if isinstance(each, Option) else OUTPUT].append(record)
         for title, records in sections.items():
             if records:
                 with formatter.section(title):

@@ -22,7 +22,7 @@ import click
 
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur.cli import _engine as rs
-from rsdeblur.errors import OutputError, RsdeblurError, RsdeblurWarning
+from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 
 # Key of the context's `meta` under which the level of detail is: -1 quiet, 1 verbose.
 LEVEL = "rsdeblur.level"
@@ -68,6 +68,15 @@ def reason(error: Exception, file: object = "") -> str:
 
 
 @contextmanager
+def usage_as_input_error() -> Iterator[None]:
+    """Turn wrong usage into an `InputError`, for the page and for workers, which have no usage to show."""
+    try:
+        yield
+    except click.ClickException as error:
+        raise InputError(error.format_message()) from error
+
+
+@contextmanager
 def capture_warnings(*, show: bool = True) -> Iterator[list[str]]:
     """Collect the texts of the package's warnings, which are shown as usual unless `show` is False."""
     texts: list[str] = []
@@ -91,21 +100,10 @@ def say_detail(line: object) -> None:
         say_aside(line)
 
 
-@contextmanager
-def tolerant_output() -> Iterator[None]:
-    """Escape characters that the encoding of stdout lacks, while the block runs; stderr does so anyway."""
-    stream = sys.stdout
-    if not isinstance(stream, io.TextIOWrapper):
-        yield
-        return
-    errors = stream.errors
-    stream.reconfigure(errors="backslashreplace")
-    try:
-        yield
-    finally:
-        # A reader may have closed the pipe.
-        with suppress(OSError, ValueError):
-            stream.reconfigure(errors=errors)
+def tolerate_output() -> None:
+    """Escape characters that the encoding of stdout lacks from now on; stderr does so anyway."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def refuse_inputs(output: Path) -> None:
@@ -171,6 +169,17 @@ def check_camera_file(path: Path, *, force: bool) -> None:
 def print_json(payload: Any) -> None:
     """Print `payload` as JSON."""
     click.echo(json.dumps(payload, indent=2))
+
+
+def cell(value: Any, digits: int = 6) -> str:
+    """Return a value as text for readers, which is empty for None; of a path, its name."""
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {cell(item, digits)}" for key, item in value.items())
+    if isinstance(value, (list, tuple)):
+        return "  ".join(cell(item, digits) for item in value)
+    if isinstance(value, Path):
+        return value.name
+    return "" if value is None else f"{value:.{digits}g}" if isinstance(value, float) else str(value)
 
 
 def write_json(path: Path, payload: Any) -> None:

@@ -21,10 +21,10 @@ from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._items import COLUMNS, Item, read_items
+from rsdeblur.cli._log import file_state
 from rsdeblur.cli._options import FILES, SERIES, Command, Recording, Target, option, shared_threads
 from rsdeblur.cli._output import (
     capture_warnings,
-    level,
     prepare_folder,
     print_json,
     print_table,
@@ -32,6 +32,7 @@ from rsdeblur.cli._output import (
     reason,
     say,
     say_aside,
+    usage_as_input_error,
     write_json,
     write_table,
 )
@@ -46,8 +47,6 @@ COLUMNS_OF_TABLE = (
     *("photo", "output", "state", "mode", "bands", "strips", "psf_px", "prior", "nsr", "weight", "seconds"),
     *("verdict", "reasons", "error"),
 )
-# Rows of a table that fits a screen.
-MOST_ROWS = 40
 
 HELP = f"""Deblur many photos: those of a manifest, of a logger's folder, or several PHOTOs.
 
@@ -244,11 +243,8 @@ def _as_row(entry: dict[str, Any]) -> Iterator[None]:
 
 def work(task: tuple[int, PhotoJob]) -> dict[str, Any]:
     """Deblur one photo, in a worker."""
-    with capture_warnings(show=False) as messages:
-        try:
-            facts = deblur_photo(task[1])
-        except click.ClickException as error:
-            raise InputError(error.format_message()) from error
+    with capture_warnings(show=False) as messages, usage_as_input_error():
+        facts = deblur_photo(task[1])
     return facts | {"warnings": messages}
 
 
@@ -279,15 +275,7 @@ def _recipe(job: PhotoJob, name: str) -> str:
     settings = [name, replace(job.options, threads=None), job.refine_anyway]
     settings += [value for key, value in asdict(job.recording).items() if key not in FILES]
     files = [job.photo, *(getattr(job.recording, key) for key in FILES)]
-    return _digest(repr((settings, [path and _state(path) for path in files])))
-
-
-def _state(path: Path) -> tuple[str, int, int]:
-    try:
-        status = path.stat()
-    except (OSError, ValueError):  # ValueError: a name that no file can have
-        return path.name, 0, 0
-    return path.name, status.st_size, status.st_mtime_ns
+    return _digest(repr((settings, [path and (path.name, *(file_state(path) or ())[2:]) for path in files])))
 
 
 def _row(entry: dict[str, Any]) -> dict[str, Any]:
@@ -299,23 +287,13 @@ def _row(entry: dict[str, Any]) -> dict[str, Any]:
 
 
 def _print(summary: dict[str, Any], target: Target) -> None:
-    entries = summary["items"]
-    # Of a long list, the table has only what needs a look.
-    is_long = len(entries) > MOST_ROWS and level() <= 0
-    shown = [entry for entry in entries if not (is_long and _is_good(entry))]
     rows = []
-    for row in map(_row, shown):
+    for row in map(_row, summary["items"]):
         tiles = f"{row['bands']} x {row['strips']}" if "bands" in row else ""
         seconds = f"{row['seconds']:.2f}" if "seconds" in row else ""
         rows.append([row["photo"], row["state"], tiles, row.get("psf_px", ""), seconds, row.get("verdict", "")])
     print_table(["photo", "state", "bands x strips", "PSF px", "time s", "check"], rows)
-    if len(shown) < len(entries):
-        say(f"({len(entries) - len(shown)} good results are not listed; {TABLE} has all)")
     counts = ", ".join(f"{count} {state}" for state, count in summary["counts"].items())
     verdicts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(summary["verdicts"].items()))
     place = "" if target.dry_run else f"; see {target.output}"
     say(f"{counts}{f' ({verdicts})' if verdicts else ''}; {summary['seconds']:.1f} s{place}")
-
-
-def _is_good(entry: dict[str, Any]) -> bool:
-    return "error" not in entry and (entry.get("check") or {}).get("verdict", "good") == "good"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -16,9 +15,9 @@ from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._log import accelerometer
 from rsdeblur.cli._options import READING, Command, Recording
-from rsdeblur.cli._output import print_json, say
+from rsdeblur.cli._output import capture_warnings, cell, print_json, say
 from rsdeblur.cli._types import PATH
-from rsdeblur.errors import CoverageError, FileFormatError, RsdeblurWarning
+from rsdeblur.errors import CoverageError, FileFormatError
 
 EXAMPLES = """\b
 Examples:
@@ -147,8 +146,7 @@ def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     """Return the properties of a gyro log."""
     import numpy as np
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", RsdeblurWarning)
+    with capture_warnings(show=False) as remarks:
         file = rs.open_gyro(path, **reading)
     log = file.log
     return {
@@ -165,7 +163,7 @@ def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
         "rms_rad_s": np.sqrt(np.mean(log.omega**2, axis=0)).tolist(),
         "peak_rad_s": np.abs(log.omega).max(axis=0).tolist(),
         **_accelerometer(path),
-        "remarks": [str(warning.message) for warning in caught],
+        "remarks": remarks,
     }
 
 
@@ -280,16 +278,8 @@ def print_entry(entry: dict[str, Any]) -> None:
         if isinstance(value, list) and isinstance(value[0], (dict, list, str)):
             say(f"  {key}:")
             for i, item in enumerate(value[:SHOWN]):
-                say(f"    {i}: {_cell(item)}")
+                say(f"    {i}: {cell(item)}")
             if len(value) > SHOWN:
                 say(f"    ... {len(value) - SHOWN} more, see --json")
         else:
-            say(f"  {key}: {_cell(value)}")
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {_cell(item)}" for key, item in value.items())
-    if isinstance(value, list):
-        return "  ".join(map(_cell, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+            say(f"  {key}: {cell(value)}")

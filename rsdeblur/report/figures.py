@@ -1,84 +1,25 @@
-"""Figures of a report: sharpness and ringing by bands, the motion, and findings about a capture and its results."""
+"""Figures of a report: the motion, and findings about a capture and its results."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.choices import DROP
-from rsdeblur.estimate.motion_evidence import MOST_TILES
-from rsdeblur.estimate.noise import halved
 from rsdeblur.image.highlights import at_full_scale
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.types import FloatArray, FloatImage
+from rsdeblur.types import FloatArray
 
 Level = Literal["warning", "note", "good"]
 LEVELS: tuple[Level, ...] = ("warning", "note", "good")
 # How much verdicts limit a result; others are warnings.
 VERDICT_LEVELS: dict[str, Level] = {"good": "good", "cannot tell": "note", "not checked": "note"}
-
-
-def band_figures(
-    pictures: Mapping[str, NDArray[np.floating]], ringings: Mapping[str, Sequence[float]], *, across: bool = False
-) -> dict[str, Any]:
-    """Measure the sharpness of each picture in six equal bands along the readout, and list the ringing beside it.
-
-    Sharpness is measured at half the size, where most of the noise of single pixels is averaged out: the steepness of
-    edges is the gradient that one pixel in a hundred exceeds. Ringing beside edges makes them steeper; so read both
-    figures together.
-
-    `pictures` contains display values in [0, 1], (H, W) or (H, W, C), all of one size, the blurred one first, and
-    `ringings` the ringings of those that were checked; `across` makes bands of columns. The result has ``edges``, the
-    start of each band and the end of the last one in px; ``sharpness``, for each picture the steepness of its edges as
-    a multiple of the first picture's, None where that has no edges; and ``ringing``, in percent of the picture's
-    contrast, None without a check.
-    """
-    greys = {label: _grey(np.asarray(picture, dtype=np.float32)) for label, picture in pictures.items()}
-    if across:
-        greys = {label: np.ascontiguousarray(grey.T) for label, grey in greys.items()}
-    edges = np.linspace(0, len(next(iter(greys.values()))), MOST_TILES + 1).round().astype(int).tolist()
-    bands = [slice(first // 2, max(last // 2, 1)) for first, last in pairwise(edges)]
-    steep: dict[str, list[tuple[float, float]]] = {}
-    for label, grey in greys.items():
-        half = halved(grey[..., None])[..., 0]
-        steep[label] = [_steepness(half[band]) for band in bands]
-    blurred = next(iter(steep.values()))
-    # In pure noise the steepness is 2.6 times the median gradient (Rayleigh's distribution); a band of the input in
-    # which it is less than about twice that has no edges.
-    sharpness = {
-        label: [
-            mine / first if first > 5.0 * common else None
-            for (mine, _), (first, common) in zip(each, blurred, strict=True)
-        ]
-        for label, each in steep.items()
-    }
-    ringing: dict[str, list[float | None]] = {label: [None] * MOST_TILES for label in pictures}
-    ringing |= {label: [100.0 * part for part in parts] for label, parts in ringings.items()}
-    return {"edges": edges, "sharpness": sharpness, "ringing": ringing}
-
-
-def _grey(picture: FloatImage) -> FloatImage:
-    if picture.ndim == 2:
-        return picture
-    # Rec. 709.
-    weights = np.array([0.2126, 0.7152, 0.0722] if picture.shape[2] >= 3 else [1.0], dtype=np.float32)
-    grey: FloatImage = picture[..., : len(weights)] @ weights
-    return grey
-
-
-def _steepness(half: FloatImage) -> tuple[float, float]:
-    """Return the gradient's magnitude at the edges, and its median."""
-    if min(half.shape) < 2:
-        return 0.0, 0.0
-    steep, common = np.percentile(np.hypot(*np.gradient(half)), [99.0, 50.0])
-    return float(steep), float(common)
 
 
 def readout_data(camera: Camera, exposure: Exposure) -> dict[str, Any]:

@@ -127,7 +127,7 @@ def test_compare_writes_a_report(run: Run, files: Files, tmp_path: Path) -> None
     assert files.gyro.name in text
     assert str(files.gyro) not in text
     assert re.search(r"<dt>prior</dt><dd>hyper-laplacian</dd>", text)
-    assert re.search(r"<dt>drift</dt><dd>1, -2</dd>", text)
+    assert re.search(r"<dt>drift</dt><dd>1  -2</dd>", text)
 
 
 def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:

@@ -58,8 +58,8 @@ def test_bad_files(run, files, tmp_path: Path, bad: tuple[str, str]) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("--duration 0", "0 is not greater than 0"),
-        ("--readout-time -30ms", "-30ms is less than 0"),
+        ("--duration 0", "0.0 is not in the range x>0"),
+        ("--readout-time -30ms", "-0.03 is not in the range x>=0"),
         (f"--start-ns {2**70}", "not a whole number of 64 bits"),
         ("--start 1e300", "start must be"),
         ("--time-offset 1e400", "is not a time"),
