@@ -211,6 +211,18 @@ def _chosen(captures: list[rs.Exposure], recording: Recording) -> rs.Exposure:
     return captures[index]
 
 
+def read_clip(path: Path, recording: Recording) -> tuple[rs.Clip, rs.GyroLog, rs.Camera, list[rs.Exposure]]:
+    """Open a video, and read the log, the camera and the exposure of each frame.
+
+    Warn where the accelerometer contradicts the camera's axes on average over the frames.
+    """
+    log, camera = read_device(recording)
+    clip = rs.open_clip(path)
+    exposures = clip_exposures(clip, recording)
+    gravity_of(clip.path, bottom_of_clip(clip.matrix), recording, camera, exposures).warn()
+    return clip, log, camera, exposures
+
+
 def clip_exposures(clip: rs.Clip, recording: Recording) -> list[rs.Exposure]:
     """Return the exposure of each frame of a video, which the options give."""
     if recording.start == "exif":
@@ -238,13 +250,6 @@ def _clip_durations(log: Path, clip: rs.Clip) -> list[float] | None:
             if abs(len(durations) - len(clip)) <= MOST_MISSING:
                 return [*durations, *durations[-1:] * MOST_MISSING][: len(clip)]
     return None
-
-
-def warn_of_clip_gravity(
-    clip: rs.Clip, recording: Recording, camera: rs.Camera, exposures: Sequence[rs.Exposure]
-) -> None:
-    """Warn where the accelerometer contradicts the camera's axes on average over frames of a video."""
-    gravity_of(clip.path, bottom_of_clip(clip.matrix), recording, camera, exposures).warn()
 
 
 def _usage(message: str) -> click.UsageError:

@@ -7,7 +7,6 @@ import io
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import click
 from rsdeblur._util.files import read_file
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._options import FILES, MANY, ONE_OF_MANY, Recording, refuse_given
+from rsdeblur.cli._output import file_state
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import FileFormatError, InputError
 
@@ -28,7 +28,6 @@ COLUMNS: dict[str, click.ParamType[Any]] = {
 }
 # Characters; no path is longer.
 LONGEST_CELL = 4096
-Place = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +71,7 @@ def _check_shared(defaults: Recording) -> None:
         rs.open_captures(defaults.capture)
 
 
-def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[Place]) -> Iterator[Item]:
+def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[tuple[int, ...]]) -> Iterator[Item]:
     """Set the error of items whose result another item already writes, or would replace an input of any item."""
     writers: dict[str, Item] = {}
     for item in items:
@@ -92,14 +91,9 @@ def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[Place]) ->
             yield item
 
 
-def _places(paths: Iterable[Path]) -> set[Place]:
+def _places(paths: Iterable[Path]) -> set[tuple[int, ...]]:
     """Return device and number of the files that exist: the same for all names of a file."""
-    places = set()
-    for path in set(paths):
-        with suppress(OSError, ValueError):
-            status = path.stat()
-            places.add((status.st_dev, status.st_ino))
-    return places
+    return {state[:2] for path in set(paths) if (state := file_state(path)) is not None}
 
 
 def _session(folder: Path, defaults: Recording, output: Path) -> Iterator[Item]:

@@ -13,10 +13,8 @@ from typing import NamedTuple
 
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._options import Recording
-from rsdeblur.cli._output import capture_warnings
+from rsdeblur.cli._output import FileState, capture_warnings, file_state
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
-
-FileState = tuple[int, ...] | None
 
 # Angle (rad) from which gravity does not point to the bottom of a picture, and that from which it points to its top.
 ASIDE, TOP = math.radians(50), math.radians(130)
@@ -28,15 +26,6 @@ ONE_SIGN = "mars", "deepgyro"
 BOTTOMS = {1: 0.0, 3: math.pi, 6: math.pi / 2, 8: -math.pi / 2}
 # Number of frames of a clip, spread over it, whose mean direction counts: a camera in motion tilts and turns.
 CLIP_FRAMES = 16
-
-
-def file_state(path: Path) -> FileState:
-    """Return numbers that change when a file does; None if there is no such file, which its reader reports."""
-    try:
-        facts = path.stat()
-    except (OSError, ValueError):
-        return None
-    return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
 
 
 def read_log(recording: Recording) -> rs.GyroFile:

@@ -18,7 +18,7 @@ import click
 from rsdeblur.choices import Mode
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _types
-from rsdeblur.cli._output import LEVEL, check_output, refuse_inputs
+from rsdeblur.cli._output import LEVEL, check_output, print_json, refuse_inputs, say
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.pipeline.options import BLUR, COMPUTING, SOLVER, Options
 
@@ -338,6 +338,13 @@ class Target:
     as_json: bool
     dry_run: bool = False
     report: Path | None = None
+
+    def show(self, facts: Any, *lines: object) -> None:
+        """Print facts as JSON if that was asked for, otherwise lines."""
+        if self.as_json:
+            print_json(facts)
+        else:
+            say(*lines)
 
 
 def target_options(

@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 import sys
 import time
 import unicodedata
@@ -26,6 +25,7 @@ from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarn
 
 # Key of the context's `meta` under which the level of detail is: -1 quiet, 1 verbose.
 LEVEL = "rsdeblur.level"
+FileState = tuple[int, ...] | None
 # Errors that end one of several jobs alone.
 FAILURES = RsdeblurError, click.UsageError, OSError
 
@@ -106,21 +106,24 @@ def tolerate_output() -> None:
         sys.stdout.reconfigure(errors="backslashreplace")
 
 
+def file_state(path: Path) -> FileState:
+    """Return numbers that change when a file does; None if there is no such file, which its reader reports."""
+    try:
+        facts = path.stat()
+    except (OSError, ValueError):
+        return None
+    return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
+
+
 def refuse_inputs(output: Path) -> None:
     """Refuse an output that is one of the files which the command reads, under any name."""
-    context = click.get_current_context(silent=True)
-    for value in () if context is None else context.params.values():
+    context, state = click.get_current_context(silent=True), file_state(output)
+    if context is None or state is None or not output.is_file():
+        return
+    for value in context.params.values():
         for path in value if isinstance(value, tuple) else (value,):
-            if isinstance(path, Path) and path is not output and _is_same(path, output):
+            if isinstance(path, Path) and path is not output and file_state(path) == state:
                 raise OutputError(f"{output}: the result would replace an input; give it another name")
-
-
-def _is_same(a: Path, b: Path) -> bool:
-    """Whether two names are those of one file; False for folders, and for names of nothing."""
-    try:
-        return b.is_file() and os.path.samefile(a, b)
-    except (OSError, ValueError):
-        return False
 
 
 def prepare_folder(folder: Path, names: Iterable[str], *, force: bool, dry_run: bool = False) -> None:

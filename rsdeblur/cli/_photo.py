@@ -27,7 +27,7 @@ from rsdeblur.cli._inputs import (
     with_offset,
 )
 from rsdeblur.cli._log import Gravity
-from rsdeblur.cli._options import ONE_PHOTO, Recording, flag
+from rsdeblur.cli._options import ONE_PHOTO, Recording, flag, require
 from rsdeblur.cli._output import level, prepare_folder, say_detail
 from rsdeblur.pipeline.options import BLUR, Options
 
@@ -143,9 +143,7 @@ class PhotoJob:
 def check_sources(context: click.Context, recording: Recording, psf: Path | None) -> None:
     """Raise `click.UsageError` unless the blur comes either from a recording or from a file of PSFs."""
     if psf is None:
-        missing = [flag(name) for name in ("gyro", "camera") if getattr(recording, name) is None]
-        if missing:
-            raise click.UsageError(f"{' and '.join(missing)} missing: give a gyro log and a camera, or --psf", context)
+        require(recording, "gyro", "camera")
         return
     blur = [each.name for each in fields(Options) if each.metadata.get("section") == BLUR]
     # Kernels have no half colours, and results are not checked.

@@ -35,9 +35,8 @@ from rsdeblur.cli._inputs import (
     with_offset,
 )
 from rsdeblur.cli._items import result_name
-from rsdeblur.cli._log import file_state
 from rsdeblur.cli._options import FILES, MANY, MANY_RESULTS, ONE_PHOTO, Command, Recording, flag, option
-from rsdeblur.cli._output import capture_warnings, say, usage_as_input_error
+from rsdeblur.cli._output import capture_warnings, file_state, say, usage_as_input_error
 from rsdeblur.cli._photo import PhotoJob, Prepared, deblur_photo, prepare
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import CoverageError, InputError, OutputError, RsdeblurError

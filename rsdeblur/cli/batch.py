@@ -21,10 +21,10 @@ from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._items import COLUMNS, Item, read_items
-from rsdeblur.cli._log import file_state
 from rsdeblur.cli._options import FILES, SERIES, Command, Recording, Target, option, shared_threads
 from rsdeblur.cli._output import (
     capture_warnings,
+    file_state,
     prepare_folder,
     print_json,
     print_table,

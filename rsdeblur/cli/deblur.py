@@ -11,7 +11,7 @@ from rsdeblur.choices import SHARP
 from rsdeblur.cli import _options
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._options import RECORDING, Command, Recording, Target, option
-from rsdeblur.cli._output import print_json, progress, refuse_inputs, say
+from rsdeblur.cli._output import progress, refuse_inputs
 from rsdeblur.cli._photo import PhotoJob, check_sources, deblur_photo, remarks, summary
 from rsdeblur.cli._types import PATH
 from rsdeblur.pipeline.options import Options
@@ -80,13 +80,9 @@ def command(
     )
     with progress("deblur") as move:
         facts = deblur_photo(job, move)
-    if target.as_json:
-        print_json(facts)
-    elif target.dry_run:
+    if target.dry_run:
         size, kernels = (" x ".join(map(str, facts[name])) for name in ("size_px", "psf_px"))
-        say(
-            f"{photo}: {size} px, all inputs fit; would write {output} ({facts['mode']}, PSFs of up to {kernels} px, "
-            f"{facts['prior']})"
-        )
+        how = f"{facts['mode']}, PSFs of up to {kernels} px, {facts['prior']}"
+        target.show(facts, f"{photo}: {size} px, all inputs fit; would write {output} ({how})")
     else:
-        say(f"{output}: {summary(facts)}", *remarks(facts, asked=bool(refine)))
+        target.show(facts, f"{output}: {summary(facts)}", *remarks(facts, asked=bool(refine)))

@@ -104,13 +104,16 @@ def findings(
     return outcomes
 
 
+def _outcome(subject: str, text: str, level: Level, more: str, *, applies: bool) -> Finding:
+    """Return a finding of a level with `more` text if that applies, or a good one."""
+    return Finding(level, subject, text + more) if applies else Finding("good", subject, text)
+
+
 def _coverage(t: FloatArray, opens: float, closes: float) -> Finding:
     before, after = opens - t[0], t[-1] - closes
     text = f"The log starts {_time(before)} before the first row opens and ends {_time(after)} after the last closes."
-    # s
-    if min(before, after) < 0.02:
-        return Finding("note", "Coverage", text + " That leaves little room for a different time offset.")
-    return Finding("good", "Coverage", text)
+    more = " That leaves little room for a different time offset."
+    return _outcome("Coverage", text, "note", more, applies=min(before, after) < 0.02)  # s
 
 
 def _gaps(log: GyroLog, t: FloatArray, opens: float, closes: float) -> Finding:
@@ -129,10 +132,9 @@ def _gaps(log: GyroLog, t: FloatArray, opens: float, closes: float) -> Finding:
 def _sampling(log: GyroLog, exposure: Exposure) -> Finding:
     per_row = exposure.duration * log.rate
     text = f"{log.rate:.4g} samples per second, {per_row:.3g} per row's exposure of {_time(exposure.duration)}."
+    more = " The motion between samples is interpolated, and may be wrong."
     # A hand's tremor reaches 12 Hz; with fewer samples, the motion between them is guesswork.
-    if per_row < 4 and log.rate < 50.0:
-        return Finding("warning", "Sampling", text + " The motion between samples is interpolated, and may be wrong.")
-    return Finding("good", "Sampling", text)
+    return _outcome("Sampling", text, "warning", more, applies=per_row < 4 and log.rate < 50.0)
 
 
 def _gyro_range(log: GyroLog, t: FloatArray, opens: float, closes: float) -> Finding:
@@ -155,12 +157,10 @@ def _saturation(pixels: NDArray[Any], can_split: bool) -> Finding:
     clipped = at_full_scale(colours)
     share = float(np.mean(clipped if clipped.ndim == 2 else clipped.any(axis=2)))
     text = f"{share:.2%} of the pixels are clipped at white."
+    remedy = ", fewer with --saturation always" if can_split else ""
+    more = f" Their brightness is unknown: expect waves around highlights{remedy}."
     # Below a thousandth, the result does not visibly suffer.
-    if share > 1e-3:
-        remedy = ", fewer with --saturation always" if can_split else ""
-        text += f" Their brightness is unknown: expect waves around highlights{remedy}."
-        return Finding("warning", "Saturation", text)
-    return Finding("good", "Saturation", text)
+    return _outcome("Saturation", text, "warning", more, applies=share > 1e-3)
 
 
 def _size(psf: tuple[int, int], shape: tuple[int, ...]) -> Finding:
@@ -170,9 +170,7 @@ def _size(psf: tuple[int, int], shape: tuple[int, ...]) -> Finding:
         more = " The blur is too large for a faithful result: many frequencies are lost, and borders affect much of it."
         return Finding("warning", "Motion", text + more)
     # A kernel of 3 px is one pixel and its margin.
-    if max(psf) <= 3:
-        return Finding("note", "Motion", text + " There is hardly any blur to remove.")
-    return Finding("good", "Motion", text)
+    return _outcome("Motion", text, "note", " There is hardly any blur to remove.", applies=max(psf) <= 3)
 
 
 def _time(seconds: float) -> str:
