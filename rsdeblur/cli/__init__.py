@@ -27,20 +27,8 @@ from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
 # The most important ones first.
 COMMANDS = (
-    "deblur",
-    "burst",
-    "compare",
-    "batch",
-    "video",
-    "triage",
-    "app",
-    "sync",
-    "calibrate",
-    "psf",
-    "simulate",
-    "info",
-    "camera",
-    "demo",
+    *("deblur", "burst", "compare", "batch", "video", "triage", "app"),
+    *("sync", "calibrate", "psf", "simulate", "info", "camera", "demo"),
 )
 # Exit codes of processes that a signal ended, as shells report them, are this and the signal's number.
 SIGNALLED = 128

@@ -42,21 +42,15 @@ class Inputs(NamedTuple):
     exposure: rs.Exposure
 
 
-def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False, is_scene: bool = False) -> Inputs:
-    """Read the picture, or map its file if `in_place` is set, and read the log, the camera and the exposure.
-
-    Warn where gravity contradicts the camera's axes, unless the picture is a scene, which the camera did not take.
-    """
+def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False) -> Inputs:
+    """Read the picture, or map its file if `in_place` is set, and read the log, the camera and the exposure."""
     # The small files come first, so that a wrong option shows before a large picture is read.
     log, camera, exposure = read_recording(recording, photo)
-    inputs = Inputs(rs.read_picture(photo, in_place=in_place), log, camera, exposure)
-    if not is_scene:
-        photo_gravity(photo, inputs, recording).warn()
-    return inputs
+    return Inputs(rs.read_picture(photo, in_place=in_place), log, camera, exposure)
 
 
 def photo_gravity(photo: Path, inputs: Inputs, recording: Recording) -> Gravity:
-    """Return the direction of gravity in a photo."""
+    """Return the direction of gravity in a photo; warn where it contradicts the camera's axes."""
     bottom = bottom_of_photo(inputs.picture.exif)
     return gravity_of(photo, bottom, recording, inputs.camera, [inputs.exposure])
 
@@ -219,7 +213,7 @@ def read_clip(path: Path, recording: Recording) -> tuple[rs.Clip, rs.GyroLog, rs
     log, camera = read_device(recording)
     clip = rs.open_clip(path)
     exposures = clip_exposures(clip, recording)
-    gravity_of(clip.path, bottom_of_clip(clip.matrix), recording, camera, exposures).warn()
+    gravity_of(clip.path, bottom_of_clip(clip.matrix), recording, camera, exposures)
     return clip, log, camera, exposures
 
 

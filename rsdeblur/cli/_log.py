@@ -103,18 +103,10 @@ def bottom_of_clip(matrix: tuple[int, ...] | None) -> float | None:
 
 
 class Gravity(NamedTuple):
-    """Direction of gravity: whether it points to the bottom of the picture, and what is wrong if it points elsewhere.
-
-    Both are empty where the direction is unknown.
-    """
+    """Whether gravity points to the bottom of the picture, or elsewhere; neither where the direction is unknown."""
 
     confirms: bool = False
-    problem: str | None = None
-
-    def warn(self) -> None:
-        """Show what is wrong."""
-        if self.problem is not None:
-            warnings.warn(self.problem, RsdeblurWarning, stacklevel=3)
+    contradicts: bool = False
 
 
 def gravity_of(
@@ -122,6 +114,7 @@ def gravity_of(
 ) -> Gravity:
     """Return where the log's accelerometer sees gravity in a picture, or on average in frames of a video.
 
+    Warn where that contradicts the camera's axes.
     `bottom` is where the bottom of the viewed picture is in the stored one, rad.
     """
     # Other axes than those of the file are the user's, and the accelerometer is read in those of the file.
@@ -143,10 +136,13 @@ def gravity_of(
         and (turn := _turn(log, replace(camera, imu_to_camera=rs.imu_to_camera(name)), exposures, bottom)) is not None
         and abs(turn) < ASIDE
     )
-    return Gravity(
-        problem=f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {picture}: if the picture "
-        f"is viewed upright, imu_to_camera in {recording.camera} is wrong" + (f" ({fits} fits)" if fits else "")
+    warnings.warn(
+        f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {picture}: if the picture "
+        f"is viewed upright, imu_to_camera in {recording.camera} is wrong" + (f" ({fits} fits)" if fits else ""),
+        RsdeblurWarning,
+        stacklevel=2,
     )
+    return Gravity(contradicts=True)
 
 
 def _turn(log: rs.AccelerationLog, camera: rs.Camera, exposures: Sequence[rs.Exposure], bottom: float) -> float | None:

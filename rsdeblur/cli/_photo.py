@@ -115,7 +115,7 @@ def prepare(
         gravity = photo_gravity(photo, inputs, recording)
         options = replace(options, transfer=transfer_of(inputs.picture, options.transfer))
     # With wrong axes, a correction may make the motion more like the right one, but never right.
-    if options.refine and gravity.problem and not refine_anyway:
+    if options.refine and gravity.contradicts and not refine_anyway:
         say_detail(f"{photo}: recording not corrected, because of the direction of gravity; --refine does it anyway")
         options = replace(options, refine=False)
     translation = translation_of(recording, inputs.camera, inputs.exposure)

@@ -29,7 +29,6 @@ from rsdeblur.cli._inputs import (
     Inputs,
     display_values,
     naming,
-    photo_gravity,
     read_recording,
     transfer_of,
     with_offset,
@@ -279,7 +278,6 @@ def _ready(request: Request) -> Prepared:
         inputs = Inputs(picture, log, camera, exposure)
         if recording.start == "exif":
             inputs = _timed(photo, tuple(map(file_state, (photo, recording.gyro, recording.camera))), recording)
-        photo_gravity(photo, inputs, recording).warn()
         return prepare(photo, recording, options, inputs=inputs)
 
 

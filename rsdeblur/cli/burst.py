@@ -13,7 +13,7 @@ import click
 
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import display_values, naming, read_clip, read_inputs, transfer_of
+from rsdeblur.cli._inputs import display_values, naming, photo_gravity, read_clip, read_inputs, transfer_of
 from rsdeblur.cli._options import CLIP, ONE_OF_MANY, SOLVE, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import capture_warnings, progress
 from rsdeblur.cli._photo import facts_of, peak_memory_mib, refinement_facts, remarks, summary
@@ -162,7 +162,11 @@ def _from_photos(photos: tuple[Path, ...], frames: list[int], recording: Recordi
     refuse_given(ONE_OF_MANY, start=recording.start, start_ns=recording.start_ns)
     if len(frames) != len(photos):
         raise click.UsageError(f"--frames names {len(frames)} exposures for {len(photos)} photos")
-    inputs = [read_inputs(photo, replace(recording, index=n)) for photo, n in zip(photos, frames, strict=True)]
+    inputs = []
+    for photo, number in zip(photos, frames, strict=True):
+        each = replace(recording, index=number)
+        inputs.append(read_inputs(photo, each))
+        photo_gravity(photo, inputs[-1], each)
     pictures, exposures = [each.picture for each in inputs], [each.exposure for each in inputs]
     return _checked(Shots(pictures, frames, exposures, inputs[0].log, inputs[0].camera), photos)
 

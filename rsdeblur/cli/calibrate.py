@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -29,9 +30,9 @@ Examples:
 GUESSED_FOCAL = 0.8
 # Consecutive frames that are taken from each part of a longer clip.
 RUN = 16
-# Decimals, factors and units of the table.
-UNITS = {"s": (1e3, "ms", 3), "px": (1.0, "px", 1), "rad": (57.29578, "deg", 2), "rad/s": (1.0, "rad/s", 4)}
-UNITS |= {"s/s": (1e6, "us/s", 1)}
+# Factors, units and decimals of the table.
+UNITS = {"s": (1e3, "ms", 3), "px": (1, "px", 1), "rad/s": (1, "rad/s", 4), "s/s": (1e6, "us/s", 1)}
+UNITS["rad"] = math.degrees(1), "deg", 2
 STATES = ("assumed", "determined")
 # First and last time offset, s: of clips, and of photos, which are less precise.
 SEARCH, PHOTO_SEARCH = (-1.0, 1.0), (-0.03, 0.03)

@@ -53,7 +53,7 @@ def command(
     """
     paths = [target.output / f"{name}.png" for name in ("blurred", "rectified", "rolling")]
     prepare_folder(target.output, [path.name for path in paths], force=target.force)
-    picture, log, camera, exposure = read_inputs(sharp, recording, is_scene=True)
+    picture, log, camera, exposure = read_inputs(sharp, recording)
 
     encoding = transfer_of(picture, transfer)
     # PNG files are for display, so linear light is encoded.

@@ -11,7 +11,7 @@ import click
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import checked_offset, naming, read_inputs, recordings_of, transfer_of
+from rsdeblur.cli._inputs import checked_offset, naming, photo_gravity, read_inputs, recordings_of, transfer_of
 from rsdeblur.cli._options import SERIES, Command, Recording, option
 from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.cli._types import PATH, SECONDS
@@ -59,8 +59,10 @@ def command(
         # Before the search: the file may be of a kind that has no place for the offset.
         rs.check_editable(recording.camera)
     usual = rs.EXIF_ERROR if from_exif else SEARCH
-    pairs = zip(photos, recordings_of(photos, recording), strict=True)
-    inputs = [read_inputs(photo, each) for photo, each in pairs]
+    inputs = []
+    for photo, each in zip(photos, recordings_of(photos, recording), strict=True):
+        inputs.append(read_inputs(photo, each))
+        photo_gravity(photo, inputs[-1], each)
     transfers = sorted({str(transfer_of(each.picture, transfer)) for each in inputs})
     if len(transfers) > 1:
         raise click.UsageError(f"the photos encode light differently ({', '.join(transfers)}); give --transfer")

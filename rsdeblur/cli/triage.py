@@ -86,7 +86,7 @@ def command(source: Path, recording: Recording, keep: float, drop: float, target
         raise InputError(f"{source}: there is nothing to measure, because no photo is listed")
     import numpy as np
 
-    judged = rs.Triage(np.array([shot.blur for shot in shots]), [shot.reason for shot in shots], keep, drop)
+    judged = rs.Triage(np.array([shot.blur for shot in shots]), tuple(shot.reason for shot in shots), keep, drop)
     entries = _entries(shots, judged)
     report = {"keep_px": keep, "drop_px": drop, "counts": judged.counts, "items": entries}
     if output is not None:
@@ -138,7 +138,8 @@ def _shown(items: Sequence[Any]) -> Iterator[Any]:
 def _entries(shots: Sequence[_Shot], judged: rs.Triage) -> list[dict[str, Any]]:
     """Return what is known about each picture; times are those after the first start of an exposure."""
     # Timestamps of 64 bits are exact as integers only.
-    starts = [shot.exposure and shot.exposure.epoch_ns + round(1e9 * shot.exposure.start) for shot in shots]
+    exposures = [shot.exposure for shot in shots]
+    starts = [None if each is None else each.epoch_ns + round(1e9 * each.start) for each in exposures]
     first = min((start for start in starts if start is not None), default=0)
     columns = zip(shots, starts, judged.lengths.tolist(), judged.decisions, judged.reasons, strict=True)
     return [

@@ -11,7 +11,7 @@ from rsdeblur.motion.triage import DECISIONS, Triage
 # px: the plot's left, top, right and bottom in a drawing of 960 x 360 px.
 BOX = 56, 34, 944, 316
 LEAST = 0.1  # px, where the logarithmic axis starts; shorter paths are drawn there
-COLOURS = dict(zip(DECISIONS, ("#2a9d5c", "#2b7bba", "#c8443c", "#8a8a8a"), strict=True))
+COLOURS: dict[str, str] = dict(zip(DECISIONS, ("#2a9d5c", "#2b7bba", "#c8443c", "#8a8a8a"), strict=True))
 STYLE = (
     "text{font:12px sans-serif;fill:#333}.ground{fill:#fff}.frame{fill:none;stroke:#999}.grid{stroke:#ddd}"
     ".limit{stroke:#333;stroke-dasharray:5 4}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from rsdeblur import Camera, Exposure, GyroLog, hand_shake, scene, simulate_clip, write_picture
 from rsdeblur.calibration import Calibration, Estimate
-from tests.installed import needs
+from tests.cli.clips import write_clip
 
 Run = Callable[..., Result]
 
@@ -156,29 +155,15 @@ def test_photos_are_found_by_their_names(run: Run, film: Film, given, tmp_path):
     assert result.stderr.count(str(unnamed[0])) == 1
 
 
-def write_clip(path: Path, pictures: list[NDArray[np.uint8]]) -> Path:
-    av = needs("video")
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=RATE, options={"crf": "4"})
-        stream.width, stream.height, stream.pix_fmt = 176, 128, "yuv444p"
-        stream.codec_context.time_base = Fraction(1, RATE)
-        for i, picture in enumerate(pictures):
-            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
-            frame.pts = i
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
-    return path
-
-
 def test_a_video(run: Run, film: Film, tmp_path):
-    path = write_clip(tmp_path / "clip.mp4", film.pictures)
+    path = write_clip(tmp_path / "clip.mp4", film.pictures, pixels="yuv444p")
     output = tmp_path / "camera.toml"
     start = tmp_path / "start.toml"
     # The log starts at 5 s, so the first frame is 6 s on its clock; the search is around the start's offset.
     Camera(176, 128, 170.0, time_offset=0.3).save(start)
     options = ("--gyro", film.gyro, "--camera", start, "--start", 6.0, "--duration", DURATION, "-o", output, "--json")
     assert "--index is for photos" in run("calibrate", path, *options, "--index", 1).stderr
-    short = write_clip(tmp_path / "short.mp4", film.pictures[:8])
+    short = write_clip(tmp_path / "short.mp4", film.pictures[:8], pixels="yuv444p")
     assert f"{short}: the clip has 8 frames; at least 9 are needed" in run("calibrate", short, *options).stderr
     result = run("calibrate", path, *options, "--from", "-400ms", "--to", "100ms")
     assert result.exit_code == 0, result.stderr

@@ -17,6 +17,7 @@ from PIL import Image
 import rsdeblur
 from rsdeblur import Camera, Exposure, GyroLog, Options
 from rsdeblur.errors import FileFormatError, InputError
+from tests.cli.clips import write_clip
 from tests.installed import needs
 
 av = needs("video")
@@ -33,19 +34,9 @@ RATES = np.column_stack([np.sin(20 * TIMES), 0.5 * np.cos(9 * TIMES), 0 * TIMES]
 CAMERA = Camera(WIDTH, HEIGHT, 70.0, readout_time=0.01)
 
 
-def write(path: Path, *, count: int = FRAMES, codec: str = "libx264", aspect: Fraction | None = None) -> None:
-    """Write a video whose frames get brighter, with key frames 4 apart."""
-    with av.open(f"file:{path}", "w") as container:
-        stream = container.add_stream(codec, rate=30)
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
-        stream.codec_context.gop_size, stream.codec_context.max_b_frames = 4, 2 if codec == "libx264" else 0
-        if aspect is not None:
-            stream.codec_context.sample_aspect_ratio = aspect
-        for i in range(count):
-            frame = av.VideoFrame.from_ndarray(np.full((HEIGHT, WIDTH, 3), 50 + 4 * i, np.uint8), format="rgb24")
-            frame.pts = i
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
+def write(path: Path, *, count: int = FRAMES, **facts: object) -> None:
+    """Write a video whose frames get brighter."""
+    write_clip(path, [np.full((HEIGHT, WIDTH, 3), 50 + 4 * i, np.uint8) for i in range(count)], max_b_frames=2, **facts)
 
 
 @pytest.fixture
@@ -200,7 +191,7 @@ def test_pixels_that_are_not_square_stay_so(
     run: Run, recording: list[object], tmp_path: Path, source: str, target: str, codec: str
 ) -> None:
     path, out = tmp_path / f"a.{source}", tmp_path / f"o.{target}"
-    write(path, aspect=Fraction(4, 3))
+    write(path, sample_aspect_ratio=Fraction(4, 3))
     result = run("video", path, *recording, "--codec", codec, "-o", out)
     assert result.exit_code == 0
     is_kept = open_clip(out).aspect == open_clip(path).aspect == Fraction(4, 3)
