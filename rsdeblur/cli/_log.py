@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -13,8 +12,8 @@ from typing import NamedTuple
 
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._options import Recording
-from rsdeblur.cli._output import FileState, capture_warnings, file_state
-from rsdeblur.errors import RsdeblurError, RsdeblurWarning
+from rsdeblur.cli._output import FileState, capture_warnings, file_state, warn
+from rsdeblur.errors import RsdeblurError
 
 # Angle (rad) from which gravity does not point to the bottom of a picture, and that from which it points to its top.
 ASIDE, TOP = math.radians(50), math.radians(130)
@@ -35,7 +34,7 @@ def read_log(recording: Recording) -> rs.GyroFile:
     """
     file, messages = known_log(recording)
     for message in messages:
-        warnings.warn(message, RsdeblurWarning, stacklevel=2)
+        warn(message)
     return file if recording.bias is None else replace(file, log=file.log.minus_bias(recording.bias))
 
 
@@ -86,7 +85,7 @@ def warn_of_axes(file: rs.GyroFile, camera: rs.Camera, recording: Recording) -> 
             f"imu_to_camera is {given}, but {recording.gyro} is in {file.axes} axes; it should be {expected}"
         )
     for problem in problems:
-        warnings.warn(f"{recording.camera}: {problem}", RsdeblurWarning, stacklevel=2)
+        warn(f"{recording.camera}: {problem}")
 
 
 def bottom_of_photo(exif: bytes | None) -> float | None:
@@ -136,11 +135,9 @@ def gravity_of(
         and (turn := _turn(log, replace(camera, imu_to_camera=rs.imu_to_camera(name)), exposures, bottom)) is not None
         and abs(turn) < ASIDE
     )
-    warnings.warn(
+    warn(
         f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {picture}: if the picture "
-        f"is viewed upright, imu_to_camera in {recording.camera} is wrong" + (f" ({fits} fits)" if fits else ""),
-        RsdeblurWarning,
-        stacklevel=2,
+        f"is viewed upright, imu_to_camera in {recording.camera} is wrong" + (f" ({fits} fits)" if fits else "")
     )
     return Gravity(contradicts=True)
 

@@ -6,7 +6,6 @@ A command receives each group as one value, so that a new field is an option of 
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from functools import wraps
@@ -18,8 +17,8 @@ import click
 from rsdeblur.choices import Mode
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _types
-from rsdeblur.cli._output import LEVEL, check_output, print_json, refuse_inputs, say
-from rsdeblur.errors import InputError, RsdeblurWarning
+from rsdeblur.cli._output import LEVEL, check_output, print_json, refuse_inputs, say, warn
+from rsdeblur.errors import InputError
 from rsdeblur.pipeline.options import BLUR, COMPUTING, SOLVER, Options
 
 Function = Callable[..., Any]
@@ -232,10 +231,8 @@ def _checked(**values: Any) -> Options:
     if "mode" in values:
         refuse_unused(options, [options.mode_in_effect])
     if "prior" in values and options.nsr != "auto" and options.prior_in_effect != "wiener":
-        warnings.warn(
-            f"--nsr is the strength of --prior wiener; with {options.prior_name} it only smooths: set --weight instead",
-            RsdeblurWarning,
-            stacklevel=2,
+        warn(
+            f"--nsr is the strength of --prior wiener; with {options.prior_name} it only smooths: set --weight instead"
         )
     return options
 

@@ -12,7 +12,7 @@ import sys
 import time
 import unicodedata
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -77,21 +77,28 @@ def usage_as_input_error() -> Iterator[None]:
 
 
 @contextmanager
-def capture_warnings(*, show: bool = True) -> Iterator[list[str]]:
-    """Collect the texts of the package's warnings, which are shown as usual unless `show` is False."""
+def capture_warnings(*, show: Callable[[str], None] | bool = True) -> Iterator[list[str]]:
+    """Collect the texts of the package's warnings; all are shown as before, by a function, or (False) not at all."""
     texts: list[str] = []
     before = warnings.showwarning
 
     def collect(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
         if issubclass(category, RsdeblurWarning) and str(message) not in texts:
             texts.append(str(message))
-        if show:
+        if show is True:
             before(message, category, *place, **more)
+        elif show:
+            show(str(message))
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", RsdeblurWarning)
         warnings.showwarning = collect
         yield texts
+
+
+def warn(message: str) -> None:
+    """Warn as the package does."""
+    warnings.warn(message, RsdeblurWarning, stacklevel=2)
 
 
 def say_detail(line: object) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-import warnings
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
@@ -33,12 +32,13 @@ from rsdeblur.cli._output import (
     say,
     say_aside,
     usage_as_input_error,
+    warn,
     write_json,
     write_table,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.cli._types import PATH
-from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
+from rsdeblur.errors import InputError, OutputError, RsdeblurError
 from rsdeblur.pipeline.options import COMPUTING, Options
 
 TABLE = "batch.csv"
@@ -226,8 +226,7 @@ class _Batch:
 
     def _finish(self, job: PhotoJob, item: Item, entry: dict[str, Any], facts: dict[str, Any]) -> None:
         for message in facts.pop("warnings"):
-            named = message if str(job.photo) in message else f"{job.photo}: {message}"
-            warnings.warn(named, RsdeblurWarning, stacklevel=2)
+            warn(message if str(job.photo) in message else f"{job.photo}: {message}")
         entry |= facts | {"state": "checked" if job.dry_run else "done", "output": str(job.output)}
         self._recipes[str(item.output)] = entry["recipe"]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -16,10 +15,9 @@ from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_clip
 from rsdeblur.cli._options import CLIP, OUTPUT, SOLVE, Command, Recording, Target, option
-from rsdeblur.cli._output import progress
+from rsdeblur.cli._output import progress, warn
 from rsdeblur.cli._photo import refinement_facts, remarks
 from rsdeblur.cli._types import NOT_NEGATIVE, PATH
-from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.pipeline.options import Options
 from rsdeblur.video import QUALITY
 
@@ -89,8 +87,7 @@ def command(
         facts = _facts(plan, encoding, output)
         reasons = [f"frame {i}: {reason}" for i, reason in enumerate(plan.reasons) if reason is not None]
         if reasons:
-            kept = f"{source}: {len(reasons)} of {len(clip)} frames are kept as they are; {reasons[0]}"
-            warnings.warn(kept, RsdeblurWarning, stacklevel=2)
+            warn(f"{source}: {len(reasons)} of {len(clip)} frames are kept as they are; {reasons[0]}")
         if target.dry_run:
             facts |= {"estimated_s": rs.estimated_seconds(plan, encoding, jobs=jobs)}
         else:
