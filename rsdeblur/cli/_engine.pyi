@@ -16,6 +16,7 @@ from rsdeblur.app import LocalServer as LocalServer
 from rsdeblur.app import app_page as app_page
 from rsdeblur.app import derive_basis as derive_basis
 from rsdeblur.app import solve_crop as solve_crop
+from rsdeblur.burst.burst import MOST_FRAMES as MOST_FRAMES
 from rsdeblur.burst.burst import BurstResult as BurstResult
 from rsdeblur.burst.burst import deblur_burst as deblur_burst
 from rsdeblur.calibration import Calibration as Calibration

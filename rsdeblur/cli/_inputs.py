@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -73,6 +73,14 @@ def checked_offset(found: rs.OffsetSearch, photos: Sequence[Path]) -> float:
         what = f"{photos[0]}: the picture does" if len(photos) == 1 else f"the {len(photos)} pictures do"
         raise InputError(f"{what} not determine the time offset: {found.reason} (likeliest {1e3 * found.best:.1f} ms)")
     return found.time_offset
+
+
+def search_span(
+    find: Callable[..., Any], first: float | None, last: float | None, usual: tuple[float, float] | None = None
+) -> tuple[float, float]:
+    """Return the first and the last time offset of a search, s: as given, otherwise the defaults of `find`."""
+    early, late = usual or find.__kwdefaults__["search"]
+    return early if first is None else first, late if last is None else last
 
 
 def recordings_of(photos: Sequence[Path], recording: Recording) -> list[Recording]:

@@ -28,20 +28,18 @@ Examples:
   rsdeblur burst --from clip.mp4 --frames 10:18 --gyro gyro.csv --camera phone.toml --duration 1/30 -o sharp.png
 """
 
-# Longest span of frames that is taken for no mistake; the burst itself has a lower limit.
-MOST_FRAMES = 1000
-
 
 def frame_numbers(text: str) -> list[int]:
     """Return the numbers of frames: `2,3,5`, or `2:6` for 2, 3, 4 and 5."""
-    example = f"a list of numbers like 2,3,5, or a span of up to {MOST_FRAMES} frames, like 10:18"
+    most = rs.MOST_FRAMES
+    example = f"a list of numbers like 2,3,5, or a span of up to {most} frames, like 10:18"
     span = re.fullmatch(r"(\d{1,9}):(\d{1,9})", text)
     if span is None:
         found = list(numbers(text, example, kind=int))
     else:
         first, stop = map(int, span.groups())
-        found = list(range(first, min(stop, first + MOST_FRAMES + 1)))
-    if not 0 < len(found) <= MOST_FRAMES or min(found) < 0 or len(set(found)) < len(found):
+        found = list(range(first, min(stop, first + most + 1)))
+    if not 0 < len(found) <= most or min(found) < 0 or len(set(found)) < len(found):
         raise ValueError(f"{text!r} is not right; write {example}, each frame once")
     return found
 

@@ -91,14 +91,17 @@ def test_info_shows_the_accelerometer_and_trajectories(run: Run, tmp_path: Path)
     assert poses["extent_m"] == pytest.approx([0.08, 0, 0])
 
 
-def test_compare_writes_everything(run: Run, files: Files, tmp_path: Path) -> None:
-    out = tmp_path / "new" / "out"
-    result = run("compare", files.photo, *files.recording, "--truth", files.photo, "-o", out)
+def test_compare_writes_pictures_facts_and_a_report(run: Run, files: Files, tmp_path: Path) -> None:
+    out, page = tmp_path / "new" / "out", tmp_path / "report.html"
+    # Rates as if in degrees: accepted with a warning, which the report repeats.
+    files.write_gyro(files.samples() * [1, 6, 6, 6])
+    options = ["--drift", "1,-2", "--truth", files.photo, "-o", out, "--report", page]
+    result = run("compare", files.photo, *files.recording, *options)
     assert result.exit_code == 0, result.stderr
     names = {"global.png", "banded.png", "rowwise.png", "side-by-side.png", "psfs.png", "compare.json"}
     assert {path.name for path in out.iterdir()} == names
     report = json.loads((out / "compare.json").read_text())
-    assert report["size_px"] == [WIDTH, HEIGHT]
+    assert (report["size_px"], report["report"]) == ([WIDTH, HEIGHT], str(page))
     assert report["blurred"]["ssim"] == pytest.approx(1.0)
     for mode in ("global", "banded", "rowwise"):
         found = report["modes"][mode]
@@ -106,18 +109,7 @@ def test_compare_writes_everything(run: Run, files: Files, tmp_path: Path) -> No
         assert found["peak_memory_mib"] is None or found["peak_memory_mib"] > 10.0
         assert [mode, "hyper-laplacian"] in [line.split()[:2] for line in result.stdout.splitlines()]
     assert (report["modes"]["global"]["bands"], report["modes"]["global"]["strips"]) == (1, 1)
-
-
-def test_compare_writes_a_report(run: Run, files: Files, tmp_path: Path) -> None:
-    page = tmp_path / "report.html"
-    # Rates as if in degrees: accepted with a warning, which the report repeats.
-    files.write_gyro(files.samples() * [1, 6, 6, 6])
-    drift = ["--drift", "1,-2"]
-    options = ["--truth", files.photo, "-o", tmp_path, "--report", page]
-    result = run("compare", files.photo, *files.recording, *drift, *options)
-    assert result.exit_code == 0, result.stderr
     assert f"Open {page}" in result.stdout
-    assert json.loads((tmp_path / "compare.json").read_text())["report"] == str(page)
     text = page.read_text("utf-8")
     assert "degrees per second" in result.stderr
     assert text.count("gyro rates look like degrees per second") == 1
@@ -159,13 +151,8 @@ def test_simulate_writes_three_pictures(run: Run, files: Files, tmp_path: Path) 
 def test_info_recognises_the_kinds(run: Run, files: Files) -> None:
     result = run("info", *files, "--json")
     assert result.exit_code == 0, result.stderr
-    picture, gyro, camera, captures = json.loads(result.stdout)
-    assert [picture["kind"], gyro["kind"], camera["kind"], captures["kind"]] == [
-        "picture",
-        "gyro log",
-        "camera",
-        "captures",
-    ]
+    picture, gyro, camera, captures = entries = json.loads(result.stdout)
+    assert [entry["kind"] for entry in entries] == ["picture", "gyro log", "camera", "captures"]
     assert picture["size_px"] == [WIDTH, HEIGHT]
     assert gyro["rate_hz"] == pytest.approx(200.0)
     assert camera["readout_time_s"] == 0.03

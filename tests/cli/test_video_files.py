@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 from collections.abc import Callable
 from fractions import Fraction
@@ -14,10 +13,10 @@ import pytest
 from click.testing import Result
 from PIL import Image
 
-import rsdeblur
 from rsdeblur import Camera, Exposure, GyroLog, Options
 from rsdeblur.errors import FileFormatError, InputError
 from tests.cli.clips import write_clip
+from tests.cli.test_errors import refused
 from tests.installed import needs
 
 av = needs("video")
@@ -54,15 +53,6 @@ def clip(tmp_path: Path) -> Path:
     """Write the video."""
     write(tmp_path / "clip.mp4")
     return tmp_path / "clip.mp4"
-
-
-def refused(result: Result, *words: object) -> None:
-    """Check that a command ended with one line of error that contains `words`."""
-    assert result.exit_code == 1, result.output
-    errors = result.stderr.splitlines()
-    assert len(errors) == 1, result.stderr
-    for word in words:
-        assert str(word) in errors[0]
 
 
 def test_a_frame_that_cannot_be_deblurred_is_named_and_leaves_no_file(
@@ -137,15 +127,6 @@ def test_names_are_no_addresses(
     result = run("video", name, *recording, "-o", "10:30.mp4")
     assert result.exit_code == 0, result.output
     assert len(open_clip("10:30.mp4")) == FRAMES
-
-
-def test_files_are_named_for_ffmpeg_in_one_place() -> None:
-    """Else a name could be an address again: a call reads the arguments of `_util.ffmpeg`, or writes."""
-    modules = Path(rsdeblur.__file__).parent.rglob("*.py")
-    calls = [call for module in modules for call in re.findall(r"\bav\.open\(.*", module.read_text("utf-8"))]
-    reading = [call for call in calls if '"w"' not in call]
-    assert reading
-    assert all(call.startswith("av.open(**ffmpeg.existing(") for call in reading)
 
 
 NO_VIDEOS: dict[str, tuple[Callable[[Path], object], str]] = {
