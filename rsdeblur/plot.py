@@ -45,7 +45,7 @@ def kernels(
     Parameters
     ----------
     bank : PsfBank
-        Kernels and their places; at most 17 x 11 of them are drawn.
+        Kernels and their places; at most 12 x 9 of them are drawn.
     picture : array_like, shape (H, W) or (H, W, C), optional
         Picture below the kernels.
     transfer : {"auto", "linear", "srgb"} or float
@@ -86,7 +86,7 @@ def paths(paths: BlurPaths, picture: ArrayLike | None = None, *, ax: Axes | None
     Parameters
     ----------
     paths : BlurPaths
-        The paths; at most 17 x 11 of them are drawn.
+        The paths; at most 12 x 9 of them are drawn.
     picture : array_like, shape (H, W) or (H, W, C), optional
         Picture below the paths, encoded as for :func:`rsdeblur.deblur` with ``transfer="auto"``.
     ax : matplotlib.axes.Axes, optional

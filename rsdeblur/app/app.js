@@ -248,10 +248,11 @@ async function save() {
   try {
     let saving = true;
     const done = ask("save", JSON.stringify(form())).finally(() => (saving = false));
+    done.catch(() => {}); // reported below, after the answer to a question about the progress
     find("saving").hidden = false;
     while (saving) {
       const job = await ask("progress", "{}");
-      find("stage").textContent = job.stage;
+      find("saving-stage").textContent = job.stage;
       find("progress").value = job.fraction;
       await Promise.race([done, new Promise((next) => setTimeout(next, 200))]);
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -76,7 +76,7 @@ def checked_offset(found: rs.OffsetSearch, photos: Sequence[Path]) -> float:
 
 
 def search_span(
-    find: Callable[..., Any], first: float | None, last: float | None, usual: tuple[float, float] | None = None
+    find: Any, first: float | None, last: float | None, usual: tuple[float, float] | None = None
 ) -> tuple[float, float]:
     """Return the first and the last time offset of a search, s: as given, otherwise the defaults of `find`."""
     early, late = usual or find.__kwdefaults__["search"]

@@ -28,7 +28,7 @@ FILLED = 0.94  # share of the room between two places that a kernel may fill
 # px: width of a picture in a grid, space between two, size of text and height of a line of it.
 PANEL, GUTTER, FONT, TITLE = 560, 10, 18, 34
 LONG_SIDE = 1600  # px of a map of PSFs
-MOST = 17, 11  # rows and columns of kernels in one drawing; more would have no room
+MOST = 12, 9  # rows and columns of kernels in one drawing; more would have no room
 # Bytes of the pictures of a page together; base64 adds a third. JPEG's quality.
 BUDGET, QUALITY = 9 * 2**20, 92
 

@@ -127,6 +127,7 @@ def test_the_page_in_a_browser(browser, files, form, tmp_path):
         assert tab.inner_text("#time_offset-value") == "0.5 ms"
         tab.click("#save")
         tab.wait_for_selector("#saved:not([hidden])")
+        assert tab.is_visible("#canvas")
         with Image.open(files.photo.with_name("photo-sharp.png")) as picture:
             assert picture.size == (96, 72)
         tab.click("summary")
