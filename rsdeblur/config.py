@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import Literal, overload
 
@@ -49,7 +50,9 @@ def show_config(mode: Literal["stdout", "dict"] = "stdout") -> dict[str, str] | 
     >>> rsdeblur.show_config("dict")["rsdeblur"] == rsdeblur.__version__
     True
     """
-    # Not at the top: it would load pyFFTW.
+    # Not at the top: pyFFTW takes long to load, and threads load it too.
+    from pyfftw import fftw_version
+
     from rsdeblur._util.threads import thread_count
 
     validate.choice("mode", mode, ("stdout", "dict"))
@@ -57,7 +60,7 @@ def show_config(mode: Literal["stdout", "dict"] = "stdout") -> dict[str, str] | 
         "rsdeblur": _config.VERSION,
         "python": platform.python_version(),
         **{name: version(name) for name in LIBRARIES},
-        "fftw": _fftw_version(),
+        "fftw": str(fftw_version),
         "cext": "in use" if native else f"not in use ({why_pure}); the NumPy twins do the same, slower",
         "compiler": _config.COMPILER,
         "simd": native.SIMD if native else "none",
@@ -72,18 +75,9 @@ def show_config(mode: Literal["stdout", "dict"] = "stdout") -> dict[str, str] | 
 
 
 def _gpl() -> str:
-    return ", ".join(f"{library} ({name})" for name, library in GPL.items() if _is_installed(name))
-
-
-def _is_installed(name: str) -> bool:
-    try:
-        version(name)
-    except PackageNotFoundError:
-        return False
-    return True
-
-
-def _fftw_version() -> str:
-    from pyfftw import fftw_version
-
-    return str(fftw_version)
+    libraries = []
+    for name, library in GPL.items():
+        with suppress(PackageNotFoundError):
+            version(name)
+            libraries.append(f"{library} ({name})")
+    return ", ".join(libraries)

@@ -27,15 +27,12 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.psf import PsfBank
-from rsdeblur.report.drawings import DIM, Trails, fitting, thinned
+from rsdeblur.report.drawings import DIM, MOST, draw_kernels, fitting, thinned
 from rsdeblur.report.figures import around, rates_in_camera
 from rsdeblur.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-# Most rows and columns of kernels or paths in one plot.
-MOST = (7, 9)
 
 __all__ = ["comparison", "kernels", "log", "paths"]
 
@@ -48,7 +45,7 @@ def kernels(
     Parameters
     ----------
     bank : PsfBank
-        Kernels and their places; at most 7 x 9 of them are drawn.
+        Kernels and their places; at most 12 x 9 of them are drawn.
     picture : array_like, shape (H, W) or (H, W, C), optional
         Picture below the kernels.
     transfer : {"auto", "linear", "srgb"} or float
@@ -73,22 +70,13 @@ def kernels(
     >>> bank = rsdeblur.PsfBank.for_picture(np.full((2, 3, 1, 5), 0.2), (480, 640))
     >>> ax = rsdeblur.plot.kernels(bank)
     >>> ax.get_title()
-    '2 x 3 kernels of 5 x 1 px, drawn 29 times as large'
+    '2 rows x 3 columns of kernels of 5 x 1 px, drawn 4.8 times as large as in the picture'
     """
     validate.instance("bank", bank, PsfBank)
-    ax, shape = _ground(ax, picture, transfer, bank.rows, bank.cols)
-    trails = Trails.of(bank).thinned(MOST)
-    tall, wide = trails.kernels.shape[2:]
-    zoom = trails.zoom(shape)
-    for kernel, (y, x) in zip(trails.kernels.reshape(-1, tall, wide), product(trails.rows, trails.cols), strict=True):
-        glow = np.ones((tall, wide, 4)) * (1.0, 0.69, 0.23, 0.0)
-        glow[..., 3] = kernel
-        ax.imshow(
-            glow, extent=(x - zoom * wide / 2, x + zoom * wide / 2, y + zoom * tall / 2, y - zoom * tall / 2), zorder=2
-        )
-    height, width = bank.size
-    grid = f"{len(bank.rows)} x {len(bank.cols)}"
-    ax.set_title(f"{grid} kernels of {width} x {height} px, drawn {zoom:.2g} times as large")
+    ax, shape = _ground(ax, picture, bank.rows, bank.cols)
+    drawing, text = draw_kernels(bank, shape, None if picture is None else _display(picture, transfer))
+    ax.imshow(drawing, extent=(-0.5, shape[1] - 0.5, shape[0] - 0.5, -0.5))
+    ax.set_title(text, wrap=True)
     return ax
 
 
@@ -98,7 +86,7 @@ def paths(paths: BlurPaths, picture: ArrayLike | None = None, *, ax: Axes | None
     Parameters
     ----------
     paths : BlurPaths
-        The paths; at most 7 x 9 of them are drawn.
+        The paths; at most 12 x 9 of them are drawn.
     picture : array_like, shape (H, W) or (H, W, C), optional
         Picture below the paths, encoded as for :func:`rsdeblur.deblur` with ``transfer="auto"``.
     ax : matplotlib.axes.Axes, optional
@@ -124,7 +112,9 @@ def paths(paths: BlurPaths, picture: ArrayLike | None = None, *, ax: Axes | None
     4
     """
     validate.instance("paths", paths, BlurPaths)
-    ax, shape = _ground(ax, picture, "auto", paths.rows, paths.cols)
+    ax, shape = _ground(ax, picture, paths.rows, paths.cols)
+    if picture is not None:
+        ax.imshow(DIM * _display(picture, "auto"), cmap="gray", vmin=0.0, vmax=1.0, zorder=1)
     from matplotlib.collections import LineCollection
 
     down, across = map(thinned, paths.lengths.shape, MOST)
@@ -301,15 +291,12 @@ def _display(picture: ArrayLike | DeblurResult | BurstResult, transfer: Transfer
 
 
 def _ground(
-    ax: Axes | None, picture: ArrayLike | None, transfer: Transfer | Auto, rows: FloatArray, cols: FloatArray
+    ax: Axes | None, picture: ArrayLike | None, rows: FloatArray, cols: FloatArray
 ) -> tuple[Any, tuple[int, ...]]:
-    """Return axes with the dimmed picture or a dark ground, and its shape, which follows from even places."""
+    """Return dark axes in px of a picture, and its shape, which without a picture follows from even places."""
     ax = _axes(ax)
     ax.set_facecolor("0.1")
-    shape: tuple[int, ...] = round(rows[0] + rows[-1] + 1), round(cols[0] + cols[-1] + 1)
-    if picture is not None:
-        shape = np.shape(picture)
-        ax.imshow(DIM * _display(picture, transfer), cmap="gray", vmin=0.0, vmax=1.0, zorder=1)
+    shape = np.shape(picture) if picture is not None else (round(rows[0] + rows[-1] + 1), round(cols[0] + cols[-1] + 1))
     ax.set_aspect("equal")
     ax.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5), xlabel="column, px", ylabel="row, px")
     return ax, shape

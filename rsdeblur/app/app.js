@@ -246,19 +246,20 @@ addEventListener("drop", async (event) => {
 async function save() {
   find("saved").hidden = true;
   try {
-    await ask("save", JSON.stringify(form()));
-    complain(null);
+    let saving = true;
+    const done = ask("save", JSON.stringify(form())).finally(() => (saving = false));
+    done.catch(() => {}); // reported below, after the answer to a question about the progress
     find("saving").hidden = false;
-    let job;
-    do {
-      await new Promise((done) => setTimeout(done, 200));
-      job = await ask("progress", "{}");
-      find("stage").textContent = job.stage;
+    while (saving) {
+      const job = await ask("progress", "{}");
+      find("saving-stage").textContent = job.stage;
       find("progress").value = job.fraction;
-    } while (!job.facts && !job.error);
-    if (job.error) throw new Error(job.error);
-    const verdict = job.facts.check ? `; check: ${job.facts.check.verdict}` : "";
-    find("saved").textContent = `${job.facts.output}: written in ${job.facts.seconds.toFixed(1)} s${verdict}`;
+      await Promise.race([done, new Promise((next) => setTimeout(next, 200))]);
+    }
+    const facts = await done;
+    complain(null);
+    const verdict = facts.check ? `; check: ${facts.check.verdict}` : "";
+    find("saved").textContent = `${facts.output}: written in ${facts.seconds.toFixed(1)} s${verdict}`;
     find("saved").hidden = false;
   } catch (error) {
     complain(error);

@@ -159,10 +159,12 @@ class _Handler(BaseHTTPRequestHandler):
             if not isinstance(form, dict):
                 raise _Refusal(HTTPStatus.BAD_REQUEST, "the form must be an object of JSON")
             return HTTPStatus.OK, self.server.actions[name](form)
-        except RsdeblurError as error:
+        except (RsdeblurError, OSError) as error:
             return HTTPStatus.UNPROCESSABLE_ENTITY, {"error": str(error)}
         except MemoryError:
-            return HTTPStatus.UNPROCESSABLE_ENTITY, {"error": "not enough memory; close other programs"}
+            return HTTPStatus.UNPROCESSABLE_ENTITY, {
+                "error": "not enough memory; close other programs, or use the command with --max-memory"
+            }
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise _Refusal(HTTPStatus.BAD_REQUEST, f"the body is not the JSON of a form: {error}") from error
 

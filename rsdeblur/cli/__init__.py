@@ -13,8 +13,7 @@ import re
 import signal
 import threading
 import time
-import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from types import FrameType
@@ -22,25 +21,13 @@ from typing import Any, NoReturn
 
 import click
 
-from rsdeblur.cli._output import level, printable, say_aside, tolerant_output
-from rsdeblur.errors import RsdeblurError, RsdeblurWarning
+from rsdeblur.cli._output import capture_warnings, level, printable, say_aside, tolerate_output
+from rsdeblur.errors import RsdeblurError
 
 # The most important ones first.
 COMMANDS = (
-    "deblur",
-    "burst",
-    "compare",
-    "batch",
-    "video",
-    "triage",
-    "app",
-    "sync",
-    "calibrate",
-    "psf",
-    "simulate",
-    "info",
-    "camera",
-    "demo",
+    *("deblur", "burst", "compare", "batch", "video", "triage", "app"),
+    *("sync", "calibrate", "psf", "simulate", "info", "camera", "demo"),
 )
 # Exit codes of processes that a signal ended, as shells report them, are this and the signal's number.
 SIGNALLED = 128
@@ -72,7 +59,8 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; exit with 1 for refused input and 128 plus the signal's number when interrupted."""
-        with ending_signals(), tolerant_output(), _one_line_warnings():
+        tolerate_output()
+        with ending_signals(), capture_warnings(show=_once()):
             try:
                 return super().invoke(ctx)
             except RsdeblurError as error:
@@ -151,22 +139,19 @@ def _refuse(ctx: click.Context, message: str) -> NoReturn:
     ctx.exit(1)
 
 
-@contextmanager
-def _one_line_warnings() -> Iterator[None]:
+def _once() -> Callable[[str], None]:
+    """Return a function that shows a warning in one line, unless one like it was shown."""
     shown: set[str] = set()
 
-    def show(message: Warning | str, *_: object, **__: object) -> None:
+    def show(message: str) -> None:
         # Several parts of one log may cause a warning each, which differ in their numbers only; one is enough.
-        kind = re.sub(r"[\d.]+", "", str(message))
+        kind = re.sub(r"[\d.]+", "", message)
         # The name of a file may have stood before the same text.
         if level() >= 0 and not any(text.endswith(kind) for text in shown):
             say_aside(f"warning: {message}")
         shown.add(kind)
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", RsdeblurWarning)
-        warnings.showwarning = show
-        yield
+    return show
 
 
 EXAMPLES = """\b

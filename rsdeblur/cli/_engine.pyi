@@ -16,6 +16,7 @@ from rsdeblur.app import LocalServer as LocalServer
 from rsdeblur.app import app_page as app_page
 from rsdeblur.app import derive_basis as derive_basis
 from rsdeblur.app import solve_crop as solve_crop
+from rsdeblur.burst.burst import MOST_FRAMES as MOST_FRAMES
 from rsdeblur.burst.burst import BurstResult as BurstResult
 from rsdeblur.burst.burst import deblur_burst as deblur_burst
 from rsdeblur.calibration import Calibration as Calibration
@@ -74,6 +75,7 @@ from rsdeblur.io.pictures import is_picture as is_picture
 from rsdeblur.io.pictures import read_header as read_header
 from rsdeblur.io.pictures import read_picture as read_picture
 from rsdeblur.io.samples import GyroFile as GyroFile
+from rsdeblur.io.sessions import SessionPhoto as SessionPhoto
 from rsdeblur.io.sessions import camera_in as camera_in
 from rsdeblur.io.sessions import files_in as files_in
 from rsdeblur.io.sessions import gyro_log_in as gyro_log_in

@@ -21,12 +21,10 @@ from rsdeblur.cli._log import (
     read_log,
     warn_of_axes,
 )
-from rsdeblur.cli._options import Recording, flag
+from rsdeblur.cli._options import ONE_OF_MANY, Recording, flag, refuse_given
 from rsdeblur.cli._output import printable, progress, say_detail
 from rsdeblur.errors import CoverageError, FileFormatError, InputError
 
-# Options that mean one moment, so that several photos cannot share them.
-ONE_MOMENT = ("index", "start", "start_ns")
 # Frames by which telemetry and video may differ.
 MOST_MISSING = 2
 # Lengths of the log after its end from which a moment is rather in another unit than just missed by the log.
@@ -44,21 +42,15 @@ class Inputs(NamedTuple):
     exposure: rs.Exposure
 
 
-def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False, is_scene: bool = False) -> Inputs:
-    """Read the picture, or map its file if `in_place` is set, and read the log, the camera and the exposure.
-
-    Warn where gravity contradicts the camera's axes, unless the picture is a scene, which the camera did not take.
-    """
+def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False) -> Inputs:
+    """Read the picture, or map its file if `in_place` is set, and read the log, the camera and the exposure."""
     # The small files come first, so that a wrong option shows before a large picture is read.
     log, camera, exposure = read_recording(recording, photo)
-    inputs = Inputs(rs.read_picture(photo, in_place=in_place), log, camera, exposure)
-    if not is_scene:
-        photo_gravity(photo, inputs, recording).warn()
-    return inputs
+    return Inputs(rs.read_picture(photo, in_place=in_place), log, camera, exposure)
 
 
 def photo_gravity(photo: Path, inputs: Inputs, recording: Recording) -> Gravity:
-    """Return the direction of gravity in a photo."""
+    """Return the direction of gravity in a photo; warn where it contradicts the camera's axes."""
     bottom = bottom_of_photo(inputs.picture.exif)
     return gravity_of(photo, bottom, recording, inputs.camera, [inputs.exposure])
 
@@ -83,22 +75,25 @@ def checked_offset(found: rs.OffsetSearch, photos: Sequence[Path]) -> float:
     return found.time_offset
 
 
+def search_span(
+    find: Any, first: float | None, last: float | None, usual: tuple[float, float] | None = None
+) -> tuple[float, float]:
+    """Return the first and the last time offset of a search, s: as given, otherwise the defaults of `find`."""
+    early, late = usual or find.__kwdefaults__["search"]
+    return early if first is None else first, late if last is None else last
+
+
 def recordings_of(photos: Sequence[Path], recording: Recording) -> list[Recording]:
-    """Return the recording of each photo; several photos need moments of their own."""
-    is_listed = len(photos) > 1 and recording.capture is not None and recording.start != "exif"
-    if recording.numbered_from is not None and not is_listed:
-        raise _usage("--numbered-from is for several photos whose exposures are in --capture")
+    """Return the recording of each photo; several photos have moments of their own, which the capture file lists."""
     if len(photos) == 1:
+        refuse_given("is for several photos whose exposures are in --capture", numbered_from=recording.numbered_from)
         return [recording]
-    given = [flag(name) for name in ONE_MOMENT if getattr(recording, name) not in (None, "exif")]
-    if given or (recording.capture is None and recording.start is None):
-        found = f"{', '.join(given)} is one moment" if given else "no exposure is given"
+    refuse_given(ONE_OF_MANY, index=recording.index, start=recording.start, start_ns=recording.start_ns)
+    if recording.capture is None:
         raise _usage(
-            f"{len(photos)} photos, but {found}; use --start exif, --capture with photos named after their "
-            "timestamps or frame numbers, or a manifest: rsdeblur batch"
+            f"{len(photos)} photos, but no exposure is given; use --capture with photos named after their timestamps "
+            "or frame numbers"
         )
-    if not is_listed:
-        return [recording] * len(photos)
     return [replace(recording, index=index) for index in indices_of(photos, recording)]
 
 
@@ -218,6 +213,18 @@ def _chosen(captures: list[rs.Exposure], recording: Recording) -> rs.Exposure:
     return captures[index]
 
 
+def read_clip(path: Path, recording: Recording) -> tuple[rs.Clip, rs.GyroLog, rs.Camera, list[rs.Exposure]]:
+    """Open a video, and read the log, the camera and the exposure of each frame.
+
+    Warn where the accelerometer contradicts the camera's axes on average over the frames.
+    """
+    log, camera = read_device(recording)
+    clip = rs.open_clip(path)
+    exposures = clip_exposures(clip, recording)
+    gravity_of(clip.path, bottom_of_clip(clip.matrix), recording, camera, exposures)
+    return clip, log, camera, exposures
+
+
 def clip_exposures(clip: rs.Clip, recording: Recording) -> list[rs.Exposure]:
     """Return the exposure of each frame of a video, which the options give."""
     if recording.start == "exif":
@@ -245,13 +252,6 @@ def _clip_durations(log: Path, clip: rs.Clip) -> list[float] | None:
             if abs(len(durations) - len(clip)) <= MOST_MISSING:
                 return [*durations, *durations[-1:] * MOST_MISSING][: len(clip)]
     return None
-
-
-def warn_of_clip_gravity(
-    clip: rs.Clip, recording: Recording, camera: rs.Camera, exposures: Sequence[rs.Exposure]
-) -> None:
-    """Warn where the accelerometer contradicts the camera's axes on average over frames of a video."""
-    gravity_of(clip.path, bottom_of_clip(clip.matrix), recording, camera, exposures).warn()
 
 
 def _usage(message: str) -> click.UsageError:

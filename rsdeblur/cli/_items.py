@@ -1,4 +1,4 @@
-"""Items of a batch: the rows of a manifest, or the photos of a folder."""
+"""Items of a batch: the rows of a manifest, the photos of a folder, or photos that are named."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import csv
 import io
 import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import click
 from rsdeblur._util.files import read_file
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._options import FILES, MANY, ONE_OF_MANY, Recording, refuse_given
+from rsdeblur.cli._output import file_state
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import FileFormatError, InputError
 
@@ -28,7 +28,6 @@ COLUMNS: dict[str, click.ParamType[Any]] = {
 }
 # Characters; no path is longer.
 LONGEST_CELL = 4096
-Place = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,14 +46,19 @@ class Item:
         return [self.photo, *(path for path in own if path is not None)]
 
 
-def read_items(source: Path, defaults: Recording, output: Path) -> list[Item]:
-    """Return the items of a manifest or of a session folder, in its order."""
+def read_items(sources: Sequence[Path], defaults: Recording, output: Path) -> list[Item]:
+    """Return the items of a manifest or of a session folder, in its order, or of several photos."""
     start = None if defaults.start == "exif" else defaults.start
     refuse_given(ONE_OF_MANY, index=defaults.index, start=start, start_ns=defaults.start_ns)
     _check_shared(defaults)
-    found = _session(source, defaults, output) if source.is_dir() else _manifest(source, defaults)
-    items = list(found)
-    return list(_without_clashes(items, output, _places([source, *(path for item in items for path in item.inputs)])))
+    if len(sources) > 1:
+        items = list(_named(sources, defaults))
+    elif sources[0].is_dir():
+        items = list(_session(sources[0], defaults, output))
+    else:
+        items = list(_manifest(sources[0], defaults))
+    places = _places([*sources, *(path for item in items for path in item.inputs)])
+    return list(_without_clashes(items, output, places))
 
 
 def _check_shared(defaults: Recording) -> None:
@@ -67,11 +71,12 @@ def _check_shared(defaults: Recording) -> None:
         rs.open_captures(defaults.capture)
 
 
-def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[Place]) -> Iterator[Item]:
+def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[tuple[int, ...]]) -> Iterator[Item]:
     """Set the error of items whose result another item already writes, or would replace an input of any item."""
     writers: dict[str, Item] = {}
     for item in items:
-        other = writers.setdefault(one_name(item.output), item)
+        # Some disks do not tell upper case from lower case, or composed characters from others.
+        other = writers.setdefault(unicodedata.normalize("NFC", str(item.output)).casefold(), item)
         if item.error is not None:
             yield item
         elif other is not item:
@@ -86,19 +91,9 @@ def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[Place]) ->
             yield item
 
 
-def one_name(path: Path) -> str:
-    """Return the same text for all paths that some disk takes for one: upper and lower case, composed characters."""
-    return unicodedata.normalize("NFC", str(path)).casefold()
-
-
-def _places(paths: Iterable[Path]) -> set[Place]:
+def _places(paths: Iterable[Path]) -> set[tuple[int, ...]]:
     """Return device and number of the files that exist: the same for all names of a file."""
-    places = set()
-    for path in set(paths):
-        with suppress(OSError, ValueError):
-            status = path.stat()
-            places.add((status.st_dev, status.st_ino))
-    return places
+    return {state[:2] for path in set(paths) if (state := file_state(path)) is not None}
 
 
 def _session(folder: Path, defaults: Recording, output: Path) -> Iterator[Item]:
@@ -112,12 +107,34 @@ def _session(folder: Path, defaults: Recording, output: Path) -> Iterator[Item]:
         folder, gyro=defaults.gyro, capture=defaults.capture, numbered_from=defaults.numbered_from, without=output
     )
     known = {"gyro": session.gyro, "capture": session.capture, "camera": defaults.camera or session.camera}
-    for photo in session.photos:
-        place = result_name(photo.path.relative_to(folder))
+    yield from _numbered(session.photos, folder, known, defaults)
+
+
+def _named(photos: Sequence[Path], defaults: Recording) -> Iterator[Item]:
+    """Return items of photos that share a log; their results have their names."""
+    if defaults.start == "exif":
+        for path in photos:
+            yield _item(path, Path(result_name(path).name), {}, defaults)
+    elif defaults.capture is None:
+        raise click.UsageError(
+            f"{len(photos)} photos, but no exposure is given; use --start exif, or --capture with photos named after "
+            "their timestamps or frame numbers"
+        )
+    else:
+        numbered = rs.indices_of(list(photos), defaults.capture, numbered_from=defaults.numbered_from)
+        yield from _numbered(numbered, None, {}, defaults)
+
+
+def _numbered(
+    photos: Iterable[rs.SessionPhoto], folder: Path | None, known: Mapping[str, Any], defaults: Recording
+) -> Iterator[Item]:
+    """Return items of photos whose names give their exposures; results have their places in the folder, or names."""
+    for photo in photos:
+        place = result_name(Path(photo.path.name) if folder is None else photo.path.relative_to(folder))
         if photo.error is not None:
             yield Item(photo.path, place, None, f"{photo.path}: {photo.error}")
         else:
-            yield _item(photo.path, place, known | {"index": photo.index}, defaults)
+            yield _item(photo.path, place, {**known, "index": photo.index}, defaults)
 
 
 def _manifest(path: Path, defaults: Recording) -> Iterator[Item]:

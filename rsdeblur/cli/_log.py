@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._options import Recording
-from rsdeblur.errors import RsdeblurError, RsdeblurWarning
-
-FileState = tuple[int, ...] | None
+from rsdeblur.cli._output import FileState, capture_warnings, file_state, warn
+from rsdeblur.errors import RsdeblurError
 
 # Angle (rad) from which gravity does not point to the bottom of a picture, and that from which it points to its top.
 ASIDE, TOP = math.radians(50), math.radians(130)
@@ -28,15 +27,6 @@ BOTTOMS = {1: 0.0, 3: math.pi, 6: math.pi / 2, 8: -math.pi / 2}
 CLIP_FRAMES = 16
 
 
-def file_state(path: Path) -> FileState:
-    """Return numbers that change when a file does; None if there is no such file, which its reader reports."""
-    try:
-        facts = path.stat()
-    except (OSError, ValueError):
-        return None
-    return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
-
-
 def read_log(recording: Recording) -> rs.GyroFile:
     """Read the log that the options name, without its bias, and show its warnings.
 
@@ -44,7 +34,7 @@ def read_log(recording: Recording) -> rs.GyroFile:
     """
     file, messages = known_log(recording)
     for message in messages:
-        warnings.warn(message, RsdeblurWarning, stacklevel=2)
+        warn(message)
     return file if recording.bias is None else replace(file, log=file.log.minus_bias(recording.bias))
 
 
@@ -58,10 +48,8 @@ def known_log(recording: Recording) -> tuple[rs.GyroFile, list[str]]:
 def _gyro_file(
     path: Path, _: FileState, format: str | None, unit: str | None, orientation: str | None, rate: float | None
 ) -> tuple[rs.GyroFile, list[str]]:
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", RsdeblurWarning)
-        file = rs.open_gyro(path, format, unit=unit, orientation=orientation, rate=rate)
-    return file, [str(warning.message) for warning in caught]
+    with capture_warnings(show=False) as messages:
+        return rs.open_gyro(path, format, unit=unit, orientation=orientation, rate=rate), messages
 
 
 def accelerometer(path: Path) -> rs.AccelerationLog | None:
@@ -71,12 +59,9 @@ def accelerometer(path: Path) -> rs.AccelerationLog | None:
 
 @lru_cache(maxsize=1)
 def _acceleration(path: Path, _: FileState) -> rs.AccelerationLog | None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RsdeblurWarning)
-        try:
-            return rs.read_acceleration(path)
-        except RsdeblurError:
-            return None
+    with capture_warnings(show=False), suppress(RsdeblurError):
+        return rs.read_acceleration(path)
+    return None
 
 
 def warn_of_axes(file: rs.GyroFile, camera: rs.Camera, recording: Recording) -> None:
@@ -100,7 +85,7 @@ def warn_of_axes(file: rs.GyroFile, camera: rs.Camera, recording: Recording) -> 
             f"imu_to_camera is {given}, but {recording.gyro} is in {file.axes} axes; it should be {expected}"
         )
     for problem in problems:
-        warnings.warn(f"{recording.camera}: {problem}", RsdeblurWarning, stacklevel=2)
+        warn(f"{recording.camera}: {problem}")
 
 
 def bottom_of_photo(exif: bytes | None) -> float | None:
@@ -117,18 +102,10 @@ def bottom_of_clip(matrix: tuple[int, ...] | None) -> float | None:
 
 
 class Gravity(NamedTuple):
-    """Direction of gravity: whether it points to the bottom of the picture, and what is wrong if it points elsewhere.
-
-    Both are empty where the direction is unknown.
-    """
+    """Whether gravity points to the bottom of the picture, or elsewhere; neither where the direction is unknown."""
 
     confirms: bool = False
-    problem: str | None = None
-
-    def warn(self) -> None:
-        """Show what is wrong."""
-        if self.problem is not None:
-            warnings.warn(self.problem, RsdeblurWarning, stacklevel=3)
+    contradicts: bool = False
 
 
 def gravity_of(
@@ -136,6 +113,7 @@ def gravity_of(
 ) -> Gravity:
     """Return where the log's accelerometer sees gravity in a picture, or on average in frames of a video.
 
+    Warn where that contradicts the camera's axes.
     `bottom` is where the bottom of the viewed picture is in the stored one, rad.
     """
     # Other axes than those of the file are the user's, and the accelerometer is read in those of the file.
@@ -157,10 +135,11 @@ def gravity_of(
         and (turn := _turn(log, replace(camera, imu_to_camera=rs.imu_to_camera(name)), exposures, bottom)) is not None
         and abs(turn) < ASIDE
     )
-    return Gravity(
-        problem=f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {picture}: if the picture "
+    warn(
+        f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {picture}: if the picture "
         f"is viewed upright, imu_to_camera in {recording.camera} is wrong" + (f" ({fits} fits)" if fits else "")
     )
+    return Gravity(contradicts=True)
 
 
 def _turn(log: rs.AccelerationLog, camera: rs.Camera, exposures: Sequence[rs.Exposure], bottom: float) -> float | None:

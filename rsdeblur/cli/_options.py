@@ -6,7 +6,6 @@ A command receives each group as one value, so that a new field is an option of 
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from functools import wraps
@@ -18,8 +17,8 @@ import click
 from rsdeblur.choices import Mode
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _types
-from rsdeblur.cli._output import LEVEL, check_output, refuse_inputs
-from rsdeblur.errors import InputError, RsdeblurWarning
+from rsdeblur.cli._output import LEVEL, check_output, print_json, refuse_inputs, say, warn
+from rsdeblur.errors import InputError
 from rsdeblur.pipeline.options import BLUR, COMPUTING, SOLVER, Options
 
 Function = Callable[..., Any]
@@ -28,8 +27,6 @@ Decorator = Callable[[Function], Function]
 RECORDING, OUTPUT = "Recording", "Output"
 # Sections of the help in their order; options of a command's own come first.
 SECTIONS = ("Options", RECORDING, BLUR, SOLVER, COMPUTING, OUTPUT)
-# A shorter list of options needs no sections.
-LEAST_OPTIONS = 12
 # Default number of threads in a process: with many, most would wait while the process reads or writes a file. Memory of
 # the machine for each process with fewer threads, bytes.
 THREADS, PROCESS_MEMORY = 2, 2**31
@@ -70,7 +67,7 @@ def _set_level(ctx: click.Context, param: click.Parameter, value: bool) -> None:
 
 
 class Command(click.Command):
-    """A command with --quiet and --verbose, whose help lists many options in sections."""
+    """A command with --quiet and --verbose, whose help lists options in sections."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -81,13 +78,10 @@ class Command(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options in sections."""
-        options = [param for param in self.get_params(ctx) if isinstance(param, click.Option)]
         sections: dict[str, list[tuple[str, str]]] = {title: [] for title in SECTIONS}
-        for each in options:
-            record = each.get_help_record(ctx)
-            if record is not None:
-                title = each.section if isinstance(each, Option) else OUTPUT
-                sections[title if len(options) >= LEAST_OPTIONS else SECTIONS[0]].append(record)
+        for each in self.get_params(ctx):
+            if (record := each.get_help_record(ctx)) is not None:
+                sections[each.section if isinstance(each, Option) else OUTPUT].append(record)
         for title, records in sections.items():
             if records:
                 with formatter.section(title):
@@ -237,10 +231,8 @@ def _checked(**values: Any) -> Options:
     if "mode" in values:
         refuse_unused(options, [options.mode_in_effect])
     if "prior" in values and options.nsr != "auto" and options.prior_in_effect != "wiener":
-        warnings.warn(
-            f"--nsr is the strength of --prior wiener; with {options.prior_name} it only smooths: set --weight instead",
-            RsdeblurWarning,
-            stacklevel=2,
+        warn(
+            f"--nsr is the strength of --prior wiener; with {options.prior_name} it only smooths: set --weight instead"
         )
     return options
 
@@ -343,6 +335,13 @@ class Target:
     as_json: bool
     dry_run: bool = False
     report: Path | None = None
+
+    def show(self, facts: Any, *lines: object) -> None:
+        """Print facts as JSON if that was asked for, otherwise lines."""
+        if self.as_json:
+            print_json(facts)
+        else:
+            say(*lines)
 
 
 def target_options(

@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 import sys
 import time
 import unicodedata
@@ -22,12 +21,12 @@ import click
 
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur.cli import _engine as rs
-from rsdeblur.errors import OutputError, RsdeblurError, RsdeblurWarning
+from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 
 # Key of the context's `meta` under which the level of detail is: -1 quiet, 1 verbose.
 LEVEL = "rsdeblur.level"
-# Exit code of a command of several jobs if some of them failed, and the errors that end a job alone.
-SOME_FAILED = 3
+FileState = tuple[int, ...] | None
+# Errors that end one of several jobs alone.
 FAILURES = RsdeblurError, click.UsageError, OSError
 
 
@@ -68,38 +67,38 @@ def reason(error: Exception, file: object = "") -> str:
     return message if str(file) in message else f"{file}: {message}"
 
 
-def attempt(facts: dict[str, Any], file: Path, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Return the facts with those that a job returns, or with its error, which is printed and ends this job alone."""
+@contextmanager
+def usage_as_input_error() -> Iterator[None]:
+    """Turn wrong usage into an `InputError`, for the page and for workers, which have no usage to show."""
     try:
-        return facts | work()
-    except FAILURES as error:
-        message = reason(error, file)
-        say_aside(f"error: {message}")
-        return facts | {"error": message}
-
-
-def exit_if_failed(entries: Iterable[Mapping[str, Any]]) -> None:
-    """End the command with an exit code if some of its jobs failed."""
-    if any("error" in entry for entry in entries):
-        click.get_current_context().exit(SOME_FAILED)
+        yield
+    except click.ClickException as error:
+        raise InputError(error.format_message()) from error
 
 
 @contextmanager
-def capture_warnings(*, show: bool = True) -> Iterator[list[str]]:
-    """Collect the texts of the package's warnings, which are shown as usual unless `show` is False."""
+def capture_warnings(*, show: Callable[[str], None] | bool = True) -> Iterator[list[str]]:
+    """Collect the texts of the package's warnings; all are shown as before, by a function, or (False) not at all."""
     texts: list[str] = []
     before = warnings.showwarning
 
     def collect(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
         if issubclass(category, RsdeblurWarning) and str(message) not in texts:
             texts.append(str(message))
-        if show:
+        if show is True:
             before(message, category, *place, **more)
+        elif show:
+            show(str(message))
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", RsdeblurWarning)
         warnings.showwarning = collect
         yield texts
+
+
+def warn(message: str) -> None:
+    """Warn as the package does."""
+    warnings.warn(message, RsdeblurWarning, stacklevel=2)
 
 
 def say_detail(line: object) -> None:
@@ -108,38 +107,30 @@ def say_detail(line: object) -> None:
         say_aside(line)
 
 
-@contextmanager
-def tolerant_output() -> Iterator[None]:
-    """Escape characters that the encoding of stdout lacks, while the block runs; stderr does so anyway."""
-    stream = sys.stdout
-    if not isinstance(stream, io.TextIOWrapper):
-        yield
-        return
-    errors = stream.errors
-    stream.reconfigure(errors="backslashreplace")
+def tolerate_output() -> None:
+    """Escape characters that the encoding of stdout lacks from now on; stderr does so anyway."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def file_state(path: Path) -> FileState:
+    """Return numbers that change when a file does; None if there is no such file, which its reader reports."""
     try:
-        yield
-    finally:
-        # A reader may have closed the pipe.
-        with suppress(OSError, ValueError):
-            stream.reconfigure(errors=errors)
+        facts = path.stat()
+    except (OSError, ValueError):
+        return None
+    return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
 
 
 def refuse_inputs(output: Path) -> None:
     """Refuse an output that is one of the files which the command reads, under any name."""
-    context = click.get_current_context(silent=True)
-    for value in () if context is None else context.params.values():
+    context, state = click.get_current_context(silent=True), file_state(output)
+    if context is None or state is None or not output.is_file():
+        return
+    for value in context.params.values():
         for path in value if isinstance(value, tuple) else (value,):
-            if isinstance(path, Path) and path is not output and _is_same(path, output):
+            if isinstance(path, Path) and path is not output and file_state(path) == state:
                 raise OutputError(f"{output}: the result would replace an input; give it another name")
-
-
-def _is_same(a: Path, b: Path) -> bool:
-    """Whether two names are those of one file; False for folders, and for names of nothing."""
-    try:
-        return b.is_file() and os.path.samefile(a, b)
-    except (OSError, ValueError):
-        return False
 
 
 def prepare_folder(folder: Path, names: Iterable[str], *, force: bool, dry_run: bool = False) -> None:
@@ -188,6 +179,17 @@ def check_camera_file(path: Path, *, force: bool) -> None:
 def print_json(payload: Any) -> None:
     """Print `payload` as JSON."""
     click.echo(json.dumps(payload, indent=2))
+
+
+def cell(value: Any, digits: int = 6) -> str:
+    """Return a value as text for readers, which is empty for None; of a path, its name."""
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {cell(item, digits)}" for key, item in value.items())
+    if isinstance(value, (list, tuple)):
+        return "  ".join(cell(item, digits) for item in value)
+    if isinstance(value, Path):
+        return value.name
+    return "" if value is None else f"{value:.{digits}g}" if isinstance(value, float) else str(value)
 
 
 def write_json(path: Path, payload: Any) -> None:

@@ -27,7 +27,7 @@ from rsdeblur.cli._inputs import (
     with_offset,
 )
 from rsdeblur.cli._log import Gravity
-from rsdeblur.cli._options import ONE_PHOTO, Recording, flag
+from rsdeblur.cli._options import ONE_PHOTO, Recording, flag, require
 from rsdeblur.cli._output import level, prepare_folder, say_detail
 from rsdeblur.pipeline.options import BLUR, Options
 
@@ -115,7 +115,7 @@ def prepare(
         gravity = photo_gravity(photo, inputs, recording)
         options = replace(options, transfer=transfer_of(inputs.picture, options.transfer))
     # With wrong axes, a correction may make the motion more like the right one, but never right.
-    if options.refine and gravity.problem and not refine_anyway:
+    if options.refine and gravity.contradicts and not refine_anyway:
         say_detail(f"{photo}: recording not corrected, because of the direction of gravity; --refine does it anyway")
         options = replace(options, refine=False)
     translation = translation_of(recording, inputs.camera, inputs.exposure)
@@ -143,13 +143,11 @@ class PhotoJob:
 def check_sources(context: click.Context, recording: Recording, psf: Path | None) -> None:
     """Raise `click.UsageError` unless the blur comes either from a recording or from a file of PSFs."""
     if psf is None:
-        missing = [flag(name) for name in ("gyro", "camera") if getattr(recording, name) is None]
-        if missing:
-            raise click.UsageError(f"{' and '.join(missing)} missing: give a gyro log and a camera, or --psf", context)
+        require(recording, "gyro", "camera")
         return
     blur = [each.name for each in fields(Options) if each.metadata.get("section") == BLUR]
     # Kernels have no half colours, and results are not checked.
-    motion = (*ONE_PHOTO, "numbered_from", *blur, "chroma", "fallback")
+    motion = (*ONE_PHOTO, *blur, "chroma", "fallback")
     given = [flag(name) for name in motion if context.get_parameter_source(name) is not ParameterSource.DEFAULT]
     if given:
         raise click.UsageError(

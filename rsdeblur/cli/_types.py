@@ -13,8 +13,6 @@ import click
 
 from rsdeblur import choices
 
-UNITS = {"": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 2**10, "mib": 2**20, "gib": 2**30}
-
 
 class PathType(click.Path):
     """A path; an empty one, as of a shell variable that is not set, would mean the current folder."""
@@ -62,7 +60,7 @@ class TextType(click.ParamType[Any]):
             self.fail(str(error), param, ctx)
 
 
-def seconds(text: str, *, above: float = -math.inf, least: float = -math.inf) -> float:
+def seconds(text: str) -> float:
     """Return the time of `0.05`, `1/20` or `50ms`, s."""
     number = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
     match = re.fullmatch(rf"{number}(?:/{number})?\s*(s|ms|us)?", text)
@@ -73,10 +71,6 @@ def seconds(text: str, *, above: float = -math.inf, least: float = -math.inf) ->
         value = math.nan
     if not math.isfinite(value):
         raise ValueError(f"{text!r} is not a time; write 0.05, 1/20 or 50ms")
-    if value <= above:
-        raise ValueError(f"{text} is not greater than {above:g}")
-    if value < least:
-        raise ValueError(f"{text} is less than {least:g}")
     return value
 
 
@@ -108,10 +102,11 @@ def whole(text: str) -> int:
 
 def size_in_bytes(text: str) -> int:
     """Return the bytes of `500MB` or `1GiB`."""
-    match = re.fullmatch(r"(\d+(?:\.\d*)?)\s*([kmg]i?b)?", text.strip().lower())
+    match = re.fullmatch(r"(\d+(?:\.\d*)?)\s*(?:([kmg]?)(i?)b)?", text.strip().lower())
     if not match:
         raise ValueError(f"{text!r} is not an amount of memory like 1GiB or 500MB")
-    return int(float(match[1]) * UNITS[match[2] or ""])
+    number, prefix, binary = match.groups(default="")
+    return int(float(number) * (1024 if binary else 1000) ** ("kmg".index(prefix) + 1 if prefix else 0))
 
 
 def box(text: str, pattern: str, example: str) -> tuple[int, ...]:
@@ -135,15 +130,19 @@ def _or(words: tuple[str, ...], kind: click.ParamType[Any]) -> Callable[[str], A
     return lambda text: text if text in words else kind.convert(text, None, None)
 
 
+def _in(kind: click.ParamType[Any], read: Callable[[str], Any]) -> Callable[[str], Any]:
+    return lambda text: kind.convert(read(text), None, None)
+
+
 PATH = PathType(path_type=Path)
 POSITIVE = NumberType(min=0.0, min_open=True)
 NOT_NEGATIVE = NumberType(min=0.0)
 COUNT = click.IntRange(min=1)
-INDEX = TextType("N", lambda text: click.IntRange(min=0).convert(whole(text), None, None))
+INDEX = TextType("N", _in(click.IntRange(min=0), whole))
 NANOSECONDS = TextType("NS", whole)
 SECONDS = TextType("SECONDS", seconds)
-DURATION = TextType("SECONDS", partial(seconds, above=0.0))
-READOUT = TextType("SECONDS", partial(seconds, least=0.0))
+DURATION = TextType("SECONDS", _in(POSITIVE, seconds))
+READOUT = TextType("SECONDS", _in(NOT_NEGATIVE, seconds))
 START = TextType("SECONDS|exif", _or(("exif",), SECONDS))
 RATES = TextType("WX,WY,WZ", rates)
 PAIR = TextType("X,Y", partial(numbers, example="3,-2", count=2))

@@ -29,15 +29,13 @@ from rsdeblur.cli._inputs import (
     Inputs,
     display_values,
     naming,
-    photo_gravity,
     read_recording,
     transfer_of,
     with_offset,
 )
 from rsdeblur.cli._items import result_name
-from rsdeblur.cli._log import file_state
 from rsdeblur.cli._options import FILES, MANY, MANY_RESULTS, ONE_PHOTO, Command, Recording, flag, option
-from rsdeblur.cli._output import FAILURES, capture_warnings, reason, say
+from rsdeblur.cli._output import capture_warnings, file_state, say, usage_as_input_error
 from rsdeblur.cli._photo import PhotoJob, Prepared, deblur_photo, prepare
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import CoverageError, InputError, OutputError, RsdeblurError
@@ -114,12 +112,10 @@ def _parse(photo: Path, recording: Recording, options: Options) -> Request:
 
 @dataclass(slots=True)
 class Job:
-    """Saving of a picture, in a thread of its own."""
+    """Progress of the picture that is being saved."""
 
     stage: str = "read"
     fraction: float = 0.0
-    facts: Mapping[str, Any] | None = None
-    error: str | None = None
     cancelled: bool = False
 
     def move(self, stage: str, fraction: float) -> None:
@@ -139,13 +135,12 @@ class Desk:
         self._busy, self._saving = threading.Lock(), threading.Lock()
         self._basis = lru_cache(maxsize=8)(_basis)
         self._job = Job()
-        self._thread: threading.Thread | None = None
         self.actions = {
             "start": lambda form: self._start,
             "open": self._open,
             "solve": self._solve,
             "save": self._save,
-            "progress": self._progress,
+            "progress": lambda form: asdict(self._job),
             "cancel": self._cancel,
         }
 
@@ -156,9 +151,8 @@ class Desk:
     def __exit__(self, *_: object) -> None:
         """End the saving and remove the files that the browser sent."""
         self._job.cancelled = True
-        if self._thread is not None:
-            self._thread.join()
-        self._folder.cleanup()
+        with self._busy:
+            self._folder.cleanup()
 
     def upload(self, name: str, content: bytes) -> dict[str, Any]:
         """Keep a file until the app ends, and return its path."""
@@ -242,60 +236,41 @@ class Desk:
         return words, basis
 
     def _save(self, form: Mapping[str, Any]) -> dict[str, Any]:
-        """Start to deblur and write the whole picture, as `rsdeblur deblur` does."""
-        # A second click may come before the first one has started its thread.
-        with self._saving:
-            if self._thread is not None and self._thread.is_alive():
-                raise InputError("a picture is being saved")
-            if not text_of(form, "output"):
-                raise InputError("choose the name of the result")
-            with self._busy:
-                photo, recording, options = _request(self._tuned(form)[0])
-            output = Path(path_of(form, "output"))
-            if output.exists():
-                # The page has no --force.
-                raise OutputError(f"{output}: the file exists; choose another name")
-            rs.check_writable(output, force=False)
-            self._job = Job()
-            job = PhotoJob(photo=photo, recording=recording, options=options, output=output)
-            self._thread = threading.Thread(target=self._run, args=(job, self._job))
-            self._thread.start()
-        return self._progress(form)
-
-    def _run(self, photo: PhotoJob, job: Job) -> None:
+        """Deblur and write the whole picture, as `rsdeblur deblur` does; the page asks for the progress meanwhile."""
+        if not text_of(form, "output"):
+            raise InputError("choose the name of the result")
+        if not self._saving.acquire(blocking=False):
+            raise InputError("a picture is being saved")
         try:
             with self._busy, capture_warnings(show=False):
-                job.facts = deblur_photo(photo, job.move)
-        except MemoryError:
-            job.error = "not enough memory; close other programs, or use the command with --max-memory"
-        except FAILURES as error:
-            job.error = reason(error)
-        except Exception as error:
-            # The page asks until there are facts or an error.
-            job.error = f"{type(error).__name__}: {error}"
-            raise
-
-    def _progress(self, form: Mapping[str, Any]) -> dict[str, Any]:
-        return asdict(self._job)
+                photo, recording, options = _request(self._tuned(form)[0])
+                output = Path(path_of(form, "output"))
+                if output.exists():
+                    # The page has no --force.
+                    raise OutputError(f"{output}: the file exists; choose another name")
+                self._job = Job()
+                job = PhotoJob(photo=photo, recording=recording, options=options, output=output)
+                with usage_as_input_error():
+                    return deblur_photo(job, self._job.move)
+        finally:
+            self._saving.release()
 
     def _cancel(self, form: Mapping[str, Any]) -> dict[str, Any]:
         self._job.cancelled = True
-        return self._progress(form)
+        return asdict(self._job)
 
 
 def _request(words: Sequence[str]) -> Request:
     """Parse arguments as the command line does."""
-    try:
+    with usage_as_input_error():
         request: Request = _parse.main(list(words), prog_name="rsdeblur deblur", standalone_mode=False)
-    except click.ClickException as error:
-        raise InputError(error.format_message()) from error
     return request
 
 
 def _ready(request: Request) -> Prepared:
     """Prepare a photo as `rsdeblur deblur` does, with pictures and times that are kept."""
     photo, recording, options = request
-    try:
+    with usage_as_input_error():
         log, camera, exposure = read_recording(recording, photo)
         picture = _picture(photo, file_state(photo))
         with naming(photo):
@@ -303,10 +278,7 @@ def _ready(request: Request) -> Prepared:
         inputs = Inputs(picture, log, camera, exposure)
         if recording.start == "exif":
             inputs = _timed(photo, tuple(map(file_state, (photo, recording.gyro, recording.camera))), recording)
-        photo_gravity(photo, inputs, recording).warn()
         return prepare(photo, recording, options, inputs=inputs)
-    except click.ClickException as error:
-        raise InputError(error.format_message()) from error
 
 
 @lru_cache(maxsize=2)

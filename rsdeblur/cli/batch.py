@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-import warnings
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
@@ -24,8 +23,7 @@ from rsdeblur.cli._items import COLUMNS, Item, read_items
 from rsdeblur.cli._options import FILES, SERIES, Command, Recording, Target, option, shared_threads
 from rsdeblur.cli._output import (
     capture_warnings,
-    exit_if_failed,
-    level,
+    file_state,
     prepare_folder,
     print_json,
     print_table,
@@ -33,29 +31,32 @@ from rsdeblur.cli._output import (
     reason,
     say,
     say_aside,
+    usage_as_input_error,
+    warn,
     write_json,
     write_table,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.cli._types import PATH
-from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
+from rsdeblur.errors import InputError, OutputError, RsdeblurError
 from rsdeblur.pipeline.options import COMPUTING, Options
 
 TABLE = "batch.csv"
+SOME_FAILED = 3  # exit code
 COLUMNS_OF_TABLE = (
     *("photo", "output", "state", "mode", "bands", "strips", "psf_px", "prior", "nsr", "weight", "seconds"),
     *("verdict", "reasons", "error"),
 )
-# Rows of a table that fits a screen.
-MOST_ROWS = 40
 
-HELP = f"""Deblur all photos of a manifest or of a logger's folder.
+HELP = f"""Deblur many photos: those of a manifest, of a logger's folder, or several PHOTOs.
 
 A photo that fails does not stop the others.
 
 MANIFEST is a CSV file with a line for each photo. Its first line names the columns: photo, and if needed
 {", ".join(name for name in COLUMNS if name != "photo")}. They mean what the options of `deblur` mean; empty cells take
-the options given here. FOLDER is a session of MARS logger or OpenCamera Sensors that contains photos or frames.
+the options given here. FOLDER is a session of MARS logger or OpenCamera Sensors that contains photos or frames. PHOTOs
+share the log and the camera; their exposures come from EXIF, with --start exif, or from --capture, by the timestamps or
+frame numbers in their names.
 
 A second run skips the photos that are done, which batch.json lists. The command writes batch.csv and batch.json beside
 the photos. Exit code 3: some photos failed.
@@ -65,12 +66,13 @@ Examples:
   rsdeblur batch manifest.csv -o sharp
   rsdeblur batch manifest.csv --gyro gyro.csv --camera phone.toml --capture frames.csv --jobs 4 -o sharp
   rsdeblur batch mars_session/ --camera phone.toml -o sharp --dry-run
+  rsdeblur batch a.jpg b.jpg --gyro Gyroscope.csv --camera phone.toml --start exif -o sharp
   rsdeblur batch manifest.csv -o sharp --scheduler tcp://cluster:8786
 """
 
 
 @click.command("batch", cls=Command, help=HELP, epilog=EXAMPLES)
-@click.argument("source", type=PATH, metavar="MANIFEST|FOLDER")
+@click.argument("sources", type=PATH, metavar="MANIFEST|FOLDER|PHOTO...", nargs=-1, required=True)
 @_options.recording_options(*SERIES, required=())
 @_options.solve_options(*(name for name in _options.SOLVE if name != "refine"))
 @_options.refine_option
@@ -83,13 +85,13 @@ Examples:
 )
 @_options.target_options(
     "DIR",
-    "Folder to write to.  [default: MANIFEST-sharp or FOLDER-sharp beside it]",
-    default=lambda source, **_: _options.beside(source, SHARP),
+    "Folder to write to.  [default: MANIFEST-sharp or FOLDER-sharp beside it; of photos, that of their first folder]",
+    default=lambda sources, **_: _options.beside(sources[0] if len(sources) == 1 else sources[0].parent, SHARP),
     dry_run=True,
     report=True,
 )
 def command(
-    source: Path,
+    sources: tuple[Path, ...],
     recording: Recording,
     options: Options,
     refine: bool | None,
@@ -97,11 +99,11 @@ def command(
     scheduler: str | None,
     target: Target,
 ) -> None:
-    """Deblur the photos of a manifest or of a session folder."""
+    """Deblur many photos."""
     options = _options.with_refinement(options, refine)
-    items = read_items(source, recording, target.output)
+    items = read_items(sources, recording, target.output)
     if not items:
-        raise InputError(f"{source}: there is nothing to do, because no photo is listed")
+        raise InputError(f"{sources[0]}: there is nothing to do, because no photo is listed")
     jobs, threads = shared_threads(jobs, options.threads, alone=scheduler is None)
     earlier = _earlier(target.output / BATCH)
     prepare_folder(target.output, [TABLE, BATCH], force=target.force or bool(earlier), dry_run=target.dry_run)
@@ -110,7 +112,9 @@ def command(
     batch.run(replace(options, threads=threads), bool(refine), jobs, scheduler)
     summary = batch.summary() | {"seconds": time.perf_counter() - begin}
     if target.report is not None and not target.dry_run:
-        rs.write_batch_page(target.report, batch.entries, title=source.name)
+        rs.write_batch_page(
+            target.report, batch.entries, title=sources[0].name if len(sources) == 1 else f"{len(sources)} photos"
+        )
     if target.as_json:
         print_json(summary)
     else:
@@ -118,7 +122,8 @@ def command(
     for entry in batch.entries:
         if "error" in entry:
             say_aside(f"error: {entry['error']}")
-    exit_if_failed(batch.entries)
+    if any("error" in entry for entry in batch.entries):
+        click.get_current_context().exit(SOME_FAILED)
 
 
 def _earlier(path: Path) -> dict[str, Any]:
@@ -221,8 +226,7 @@ class _Batch:
 
     def _finish(self, job: PhotoJob, item: Item, entry: dict[str, Any], facts: dict[str, Any]) -> None:
         for message in facts.pop("warnings"):
-            named = message if str(job.photo) in message else f"{job.photo}: {message}"
-            warnings.warn(named, RsdeblurWarning, stacklevel=2)
+            warn(message if str(job.photo) in message else f"{job.photo}: {message}")
         entry |= facts | {"state": "checked" if job.dry_run else "done", "output": str(job.output)}
         self._recipes[str(item.output)] = entry["recipe"]
 
@@ -238,11 +242,8 @@ def _as_row(entry: dict[str, Any]) -> Iterator[None]:
 
 def work(task: tuple[int, PhotoJob]) -> dict[str, Any]:
     """Deblur one photo, in a worker."""
-    with capture_warnings(show=False) as messages:
-        try:
-            facts = deblur_photo(task[1])
-        except click.ClickException as error:
-            raise InputError(error.format_message()) from error
+    with capture_warnings(show=False) as messages, usage_as_input_error():
+        facts = deblur_photo(task[1])
     return facts | {"warnings": messages}
 
 
@@ -273,15 +274,7 @@ def _recipe(job: PhotoJob, name: str) -> str:
     settings = [name, replace(job.options, threads=None), job.refine_anyway]
     settings += [value for key, value in asdict(job.recording).items() if key not in FILES]
     files = [job.photo, *(getattr(job.recording, key) for key in FILES)]
-    return _digest(repr((settings, [path and _state(path) for path in files])))
-
-
-def _state(path: Path) -> tuple[str, int, int]:
-    try:
-        status = path.stat()
-    except (OSError, ValueError):  # ValueError: a name that no file can have
-        return path.name, 0, 0
-    return path.name, status.st_size, status.st_mtime_ns
+    return _digest(repr((settings, [path and (path.name, *(file_state(path) or ())[2:]) for path in files])))
 
 
 def _row(entry: dict[str, Any]) -> dict[str, Any]:
@@ -293,23 +286,13 @@ def _row(entry: dict[str, Any]) -> dict[str, Any]:
 
 
 def _print(summary: dict[str, Any], target: Target) -> None:
-    entries = summary["items"]
-    # Of a long list, the table has only what needs a look.
-    is_long = len(entries) > MOST_ROWS and level() <= 0
-    shown = [entry for entry in entries if not (is_long and _is_good(entry))]
     rows = []
-    for row in map(_row, shown):
+    for row in map(_row, summary["items"]):
         tiles = f"{row['bands']} x {row['strips']}" if "bands" in row else ""
         seconds = f"{row['seconds']:.2f}" if "seconds" in row else ""
         rows.append([row["photo"], row["state"], tiles, row.get("psf_px", ""), seconds, row.get("verdict", "")])
     print_table(["photo", "state", "bands x strips", "PSF px", "time s", "check"], rows)
-    if len(shown) < len(entries):
-        say(f"({len(entries) - len(shown)} good results are not listed; {TABLE} has all)")
     counts = ", ".join(f"{count} {state}" for state, count in summary["counts"].items())
     verdicts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(summary["verdicts"].items()))
     place = "" if target.dry_run else f"; see {target.output}"
     say(f"{counts}{f' ({verdicts})' if verdicts else ''}; {summary['seconds']:.1f} s{place}")
-
-
-def _is_good(entry: dict[str, Any]) -> bool:
-    return "error" not in entry and (entry.get("check") or {}).get("verdict", "good") == "good"

@@ -11,31 +11,16 @@ from typing import Any, NamedTuple
 
 import click
 
-from rsdeblur import choices
-from rsdeblur.choices import Auto, Mode
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import (
-    clip_exposures,
-    display_values,
-    naming,
-    read_device,
-    read_inputs,
-    transfer_of,
-    warn_of_clip_gravity,
-)
+from rsdeblur.cli._inputs import display_values, naming, photo_gravity, read_clip, read_inputs, transfer_of
 from rsdeblur.cli._options import CLIP, ONE_OF_MANY, SOLVE, Command, Recording, Target, option, refuse_given
-from rsdeblur.cli._output import (
-    capture_warnings,
-    print_json,
-    progress,
-    say,
-)
+from rsdeblur.cli._output import capture_warnings, progress
 from rsdeblur.cli._photo import facts_of, peak_memory_mib, refinement_facts, remarks, summary
 from rsdeblur.cli._types import PATH, TextType, numbers
 from rsdeblur.cli.compare import complete
 from rsdeblur.errors import InputError
-from rsdeblur.pipeline.options import BLUR, Options
+from rsdeblur.pipeline.options import Options
 
 EXAMPLES = """\b
 Examples:
@@ -44,20 +29,17 @@ Examples:
 """
 
 
-# Longest span of frames that is taken for no mistake; the burst itself has a lower limit.
-MOST_FRAMES = 1000
-
-
 def frame_numbers(text: str) -> list[int]:
     """Return the numbers of frames: `2,3,5`, or `2:6` for 2, 3, 4 and 5."""
-    example = f"a list of numbers like 2,3,5, or a span of up to {MOST_FRAMES} frames, like 10:18"
+    most = rs.MOST_FRAMES
+    example = f"a list of numbers like 2,3,5, or a span of up to {most} frames, like 10:18"
     span = re.fullmatch(r"(\d{1,9}):(\d{1,9})", text)
     if span is None:
         found = list(numbers(text, example, kind=int))
     else:
         first, stop = map(int, span.groups())
-        found = list(range(first, min(stop, first + MOST_FRAMES + 1)))
-    if not 0 < len(found) <= MOST_FRAMES or min(found) < 0 or len(set(found)) < len(found):
+        found = list(range(first, min(stop, first + most + 1)))
+    if not 0 < len(found) <= most or min(found) < 0 or len(set(found)) < len(found):
         raise ValueError(f"{text!r} is not right; write {example}, each frame once")
     return found
 
@@ -78,23 +60,14 @@ def frame_numbers(text: str) -> list[int]:
     help="Number of the frame whose pose the result has, one of --frames.  [default: the best]",
 )
 @_options.recording_options(*CLIP)
-@option(
-    "--mode",
-    section=BLUR,
-    type=click.Choice(("auto", *choices.MODES)),
-    default="auto",
-    show_default=True,
-    help="One PSF for the picture, one per tile, or one per row; auto takes rows where tiles cannot follow the blur.",
-)
-# `--mode` has a value more than that of other commands. Colours of several frames have the full resolution.
-@_options.solve_options(*(name for name in SOLVE if name not in ("mode", "chroma")))
+# Colours of several frames have the full resolution.
+@_options.solve_options(*(name for name in SOLVE if name != "chroma"))
 @_options.target_options("OUT", "Picture to write.", report=True)
 def command(
     photos: tuple[Path, ...],
     clip: Path | None,
     frames: list[int],
     reference: int | None,
-    mode: Mode | Auto,
     recording: Recording,
     options: Options,
     target: Target,
@@ -106,20 +79,16 @@ def command(
     """
     if (clip is None) == (not photos):
         raise click.UsageError("give either photos or --from VIDEO")
-    _options.refuse_unused(options, choices.MODES if mode == "auto" else [mode])
     if reference is not None and reference not in frames:
         raise click.UsageError(f"--reference {reference} is not one of --frames")
     rs.check_writable(target.output, force=target.force)
     shots = _from_clip(clip, frames, recording) if clip else _from_photos(photos, frames, recording)
     with naming(None, recording), capture_warnings() as texts:
-        facts, result = _deblurred(shots, mode, options, target, reference=reference)
+        facts, result = _deblurred(shots, options, target, reference=reference)
     if target.report is not None:
         compared = _compared(clip or photos[result.reference], shots, facts, result, options)
         rs.write_page(target.report, complete(compared, recording, options, texts))
-    if target.as_json:
-        print_json(facts)
-    else:
-        _print(facts)
+    target.show(facts, *_lines(facts))
 
 
 class Shots(NamedTuple):
@@ -147,7 +116,7 @@ def _checked(shots: Shots, names: Sequence[Path | str]) -> Shots:
 
 
 def _deblurred(
-    shots: Shots, mode: Mode | Auto, options: Options, target: Target, *, reference: int | None = None
+    shots: Shots, options: Options, target: Target, *, reference: int | None
 ) -> tuple[dict[str, Any], rs.BurstResult]:
     """Deblur and write a burst, and return the facts to report and the result."""
     pictures, numbers, exposures, log, camera = shots
@@ -158,9 +127,8 @@ def _deblurred(
             [picture.pixels for picture in pictures],
             *(log, camera, exposures),
             reference="auto" if reference is None else numbers.index(reference),
-            mode=mode,
             progress=move,
-            **{member.name: getattr(options, member.name) for member in fields(options) if member.name != "mode"},
+            **{each.name: getattr(options, each.name) for each in fields(options)} | {"mode": options.mode or "auto"},
         )
     rs.write_picture(target.output, result.image, like=pictures[result.reference], force=target.force)
     return _facts(result, numbers, target.output, options, time.perf_counter() - begin), result
@@ -192,22 +160,23 @@ def _from_photos(photos: tuple[Path, ...], frames: list[int], recording: Recordi
     refuse_given(ONE_OF_MANY, start=recording.start, start_ns=recording.start_ns)
     if len(frames) != len(photos):
         raise click.UsageError(f"--frames names {len(frames)} exposures for {len(photos)} photos")
-    inputs = [read_inputs(photo, replace(recording, index=n)) for photo, n in zip(photos, frames, strict=True)]
+    inputs = []
+    for photo, number in zip(photos, frames, strict=True):
+        each = replace(recording, index=number)
+        inputs.append(read_inputs(photo, each))
+        photo_gravity(photo, inputs[-1], each)
     pictures, exposures = [each.picture for each in inputs], [each.exposure for each in inputs]
     return _checked(Shots(pictures, frames, exposures, inputs[0].log, inputs[0].camera), photos)
 
 
 def _from_clip(clip: Path, frames: list[int], recording: Recording) -> Shots:
     """Decode frames of a video, and find their exposures."""
-    opened = rs.open_clip(clip)
+    opened, log, camera, exposures = read_clip(clip, recording)
     if max(frames) >= len(opened):
         raise InputError(f"{clip}: there is no frame {max(frames)}; the last one is {len(opened) - 1}")
-    exposures = clip_exposures(opened, recording)
-    device = read_device(recording)
-    warn_of_clip_gravity(opened, recording, device[1], [exposures[n] for n in frames])
     with naming(clip):
         pictures = [rs.Picture(rs.values_of(next(rs.frames(opened, n, n + 1)))) for n in frames]
-    shots = Shots(pictures, frames, [exposures[n] for n in frames], *device)
+    shots = Shots(pictures, frames, [exposures[n] for n in frames], log, camera)
     return _checked(shots, [f"{clip}, frame {n}" for n in frames])
 
 
@@ -222,15 +191,15 @@ def _facts(result: rs.BurstResult, frames: list[int], output: Path, options: Opt
     return facts | {"reference": frames[result.reference], "frames": used}
 
 
-def _print(facts: dict[str, Any]) -> None:
-    used = [frame for frame in facts["frames"] if frame["share"] > 0]
-    say(
-        f"{facts['output']}: {len(used)} of {len(facts['frames'])} frames, reference {facts['reference']}, "
-        f"{summary(facts)}",
+def _lines(facts: dict[str, Any]) -> list[str]:
+    used = sum(frame["share"] > 0 for frame in facts["frames"])
+    frames = f"{used} of {len(facts['frames'])} frames, reference {facts['reference']}"
+    return [
+        f"{facts['output']}: {frames}, {summary(facts)}",
         *remarks(facts, asked=True),
-    )
-    for frame in facts["frames"]:
-        say(
+        *(
             f"  frame {frame['frame']}: share {frame['share']:.2f}, fits {100 * frame['support']:.0f} %, "
             f"blur {frame['blur']:.1f} px, shift {frame['shift']:.1f} px, brightness x {frame['gain']:.2f}"
-        )
+            for frame in facts["frames"]
+        ),
+    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +12,7 @@ import click
 
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import clip_exposures, indices_of, naming
+from rsdeblur.cli._inputs import clip_exposures, indices_of, naming, search_span
 from rsdeblur.cli._log import read_log
 from rsdeblur.cli._options import FOR_PHOTOS, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import check_camera_file, print_json, print_table, progress, say
@@ -29,14 +30,10 @@ Examples:
 GUESSED_FOCAL = 0.8
 # Consecutive frames that are taken from each part of a longer clip.
 RUN = 16
-# Decimals, factors and units of the table.
-UNITS = {"s": (1e3, "ms", 3), "px": (1.0, "px", 1), "rad": (57.29578, "deg", 2), "rad/s": (1.0, "rad/s", 4)}
-UNITS |= {"s/s": (1e6, "us/s", 1)}
+# Factors, units and decimals of the table.
+UNITS = {"s": (1e3, "ms", 3), "px": (1, "px", 1), "rad/s": (1, "rad/s", 4), "s/s": (1e6, "us/s", 1)}
+UNITS["rad"] = math.degrees(1), "deg", 2
 STATES = ("assumed", "determined")
-# First and last time offset, s: of clips, and of photos, which are less precise.
-SEARCH, PHOTO_SEARCH = (-1.0, 1.0), (-0.03, 0.03)
-
-
 # Options that say where the files are, and when the pictures were taken.
 GIVEN = tuple(name for name in _options.SERIES if name not in ("time_offset", "readout_time", "focal_length"))
 
@@ -89,10 +86,8 @@ def command(
     name = sources[0]
     with progress("calibrate") as move, naming(name, recording):
         film = _film(sources, recording, frames)
-        is_clip = _is_clip(film)
-        usual = SEARCH if is_clip else PHOTO_SEARCH
-        search = usual[0] if first is None else first, usual[1] if last is None else last
-        method = rs.calibrate if is_clip else rs.calibrate_photos
+        method: Any = rs.calibrate if _is_clip(film) else rs.calibrate_photos
+        search = search_span(method, first, last)
         result = method(film.pictures, film.exposures, film.log, film.start, search=search, progress=move)
     if result.accepted:
         result.camera.save(target.output)

@@ -107,9 +107,8 @@ def new(
     if focal35 is not None:
         length = pixels_of_focal35(focal35, size)
     camera = rs.Camera(width, height, length, **{key: value for key, value in values.items() if value is not None})
-    _write(camera, target)
     assumptions = tuple(rs.Assumption(key, text) for key, text in UNSTATED.items() if values[key] is None)
-    _print_camera(target.output, rs.CameraFile(camera, "toml", assumptions=assumptions), target.as_json)
+    _write(rs.CameraFile(camera, "toml", assumptions=assumptions), target)
 
 
 @command.command("import", cls=Command)
@@ -150,9 +149,7 @@ def import_(source: Path, format: str | None, focal35: float | None, target: Tar
         camera = camera.cropped(left, top, width, height)
     for _ in range(turn):
         camera = camera.turned()
-    file = replace(file, camera=camera).with_overrides(**values)
-    _write(file.camera, target)
-    _print_camera(target.output, file, target.as_json)
+    _write(replace(file, camera=camera).with_overrides(**values), target)
 
 
 @command.command("measure-readout", cls=Command)
@@ -185,9 +182,10 @@ def measure_readout(
         say(f"readout time {1e3 * found.readout_time:.1f} ms: {found.bands:.2f} bands of {500 / mains:.2f} ms")
 
 
-def _write(camera: rs.Camera, target: Target) -> None:
+def _write(file: rs.CameraFile, target: Target) -> None:
     check_camera_file(target.output, force=target.force)
-    camera.save(target.output)
+    file.camera.save(target.output)
+    _print_camera(target.output, file, target.as_json)
 
 
 def _print_camera(path: Path, file: rs.CameraFile, as_json: bool) -> None:

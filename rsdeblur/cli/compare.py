@@ -15,7 +15,16 @@ from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, transfer_of
 from rsdeblur.cli._options import Command, Recording, Target, option
-from rsdeblur.cli._output import capture_warnings, prepare_folder, print_json, print_table, progress, say, write_json
+from rsdeblur.cli._output import (
+    capture_warnings,
+    cell,
+    prepare_folder,
+    print_json,
+    print_table,
+    progress,
+    say,
+    write_json,
+)
 from rsdeblur.cli._photo import (
     Prepared,
     correction_text,
@@ -77,7 +86,7 @@ def command(
     places in the picture, and compare.json with times, memory and, with --truth, PSNR and SSIM.
 
     --report writes one page that needs no network. It shows any two pictures under a divider, the kernels over them,
-    the gyroscope's rates with the exposure window of each row, figures for each band, all settings, and warnings.
+    the gyroscope's rates with the exposure window of each row, all settings, and warnings.
     """
     modes = tuple(mode for mode in MODES if mode in (modes or MODES))
     _options.refuse_unused(options, modes)
@@ -216,25 +225,11 @@ def _settings(page: rs.Page, recording: Recording, options: Options) -> dict[str
         "Blur and solver": options.recorded | {"mode": ", ".join(report["modes"]), "transfer": page.transfer},
         "Exposure": {"start, s": exposure.start, "duration, s": exposure.duration, "origin, ns": exposure.epoch_ns},
         "Gyro log": {"samples": len(log), "rate, Hz": log.rate, "span, s": log.span, "origin, ns": log.epoch_ns},
-        "Camera": {each.name: getattr(camera, each.name) for each in fields(camera)},
+        "Camera": {each.name: getattr(camera, each.name) for each in fields(camera)}
+        | {"imu_to_camera": camera.imu_to_camera.tolist()},
         "Software": rs.show_config(mode="dict"),
     }
     return {
-        title: {name.replace("_", " "): text for name, value in rows.items() if (text := _text(value))}
+        title: {name.replace("_", " "): text for name, value in rows.items() if (text := cell(value, 9))}
         for title, rows in tables.items()
     }
-
-
-def _text(value: Any) -> str:
-    """Return the text of a value; an empty text for None."""
-    import numpy as np
-
-    if value is None:
-        return ""
-    if isinstance(value, np.ndarray):
-        return "; ".join(" ".join(f"{cell:.6g}" for cell in row) for row in value)
-    if isinstance(value, tuple):
-        return ", ".join(map(_text, value))
-    if isinstance(value, Path):
-        return value.name
-    return f"{value:.9g}" if isinstance(value, float) else str(value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
@@ -33,44 +33,52 @@ LEAST_SIDE = 64
 
 
 class Kind(NamedTuple):
-    """What is simulated: files, the photos among them, frames, their interval and exposure (s), and the recording.
+    """What is simulated: files, frames, their interval and exposure (s), and the recording.
 
     `strength` is that of the shake, of a phone shaken on purpose, `noise` a standard deviation in linear light,
     `start` that of the first frame (s), `readout` in s and `epoch_ns` that of the log.
     """
 
     files: tuple[str, ...]
-    photos: tuple[str, ...]
     frames: int
     interval: Fraction
-    duration: Fraction
+    duration: Fraction = Fraction(1, 20)
     start: float = 0.25
     epoch_ns: int = 1_560_000_000_000  # of a phone that was started half an hour ago
     strength: float = 0.4
     noise: float = 0.005
     readout: float = 0.02
 
+    @property
+    def photos(self) -> list[str]:
+        """The files that are pictures."""
+        return [name for name in self.files if name.endswith((".png", ".jpg"))]
+
 
 KINDS = {
     # Blurs by about 30 px at a width of 1024 px, with the readout of a slow phone sensor.
     "capture": Kind(
         (CAPTURE_LOG, CAMERA, "sharp.png", "rolling.png", "blurred.png"),
-        *((), 1, Fraction(1, 10), Fraction(1, 20)),
+        *(1, Fraction(1, 10)),
         epoch_ns=0,
         strength=0.2,
         noise=0.01,
         readout=0.03,
     ),
-    "recording": Kind(
-        LOGGED, ("frame0000.png", "frame0001.png", "frame0002.png", "frame0003.png"), 4, Fraction(1, 2), Fraction(1, 20)
-    ),
-    "video": Kind((*LOGGED, MOVIE), (), 24, Fraction(1, 30), Fraction(1, 40)),
+    "recording": Kind((*LOGGED, *(f"frame{i:04}.png" for i in range(4))), 4, Fraction(1, 2)),
+    "video": Kind((*LOGGED, MOVIE), 24, Fraction(1, 30), Fraction(1, 40)),
     # The log extends beyond the search of `--start exif`.
     "stock-camera": Kind(
-        *((UNIX_LOG,), ("IMG_1.jpg", "IMG_2.jpg"), 2, Fraction(2), Fraction(1, 20)),
-        start=2.5,
-        epoch_ns=1_780_000_000_000_000_000,
+        (UNIX_LOG, "IMG_1.jpg", "IMG_2.jpg"), 2, Fraction(2), start=2.5, epoch_ns=1_780_000_000_000_000_000
     ),
+}
+# Name, header and row of the logs; a row contains the time `t` in ns, the seconds `s` from the start, x, y and z.
+MARS = LOG, "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s]", "{t},{x:.9f},{y:.9f},{z:.9f}"
+LOGS = {
+    "capture": (CAPTURE_LOG, "t,wx,wy,wz", "{s:.9f},{x:.9f},{y:.9f},{z:.9f}"),
+    "recording": MARS,
+    "video": MARS,
+    "stock-camera": (UNIX_LOG, "time,seconds_elapsed,z,y,x", "{t},{s:.9f},{z:.9f},{y:.9f},{x:.9f}"),
 }
 
 EXAMPLES = """\b
@@ -111,14 +119,11 @@ def command(size: tuple[int, int], seed: int, kind: str, target: Target) -> None
     if kind == "video" and (size[0] % 2 or size[1] % 2):
         raise click.UsageError(f"--size {size[0]}x{size[1]}: the sides of a video must be even")
     output, force = target.output, target.force
-    names, again = [*KINDS[kind].files, *KINDS[kind].photos], shlex.join(["rsdeblur", *_command(kind, output)])
+    names, again = KINDS[kind].files, shlex.join(["rsdeblur", *_command(kind, output)])
     compared = [*output_names(output / "blurred.png"), REPORT] if kind == "capture" else []
     prepare_folder(output, [*names, *compared], force=force)
     with progress("simulate"):
-        if kind == "capture":
-            _write_capture(size, seed, output, force=force)
-        else:
-            _write_session(kind, size, seed, output, force=force)
+        _write(kind, size, seed, output, force=force)
     if kind == "capture":
         # From here on, the demo uses the files as a user does.
         blurred, rolling, gyro, camera = (output / name for name in ("blurred.png", "rolling.png", CAPTURE_LOG, CAMERA))
@@ -162,50 +167,44 @@ def _command(kind: str, folder: Path) -> list[str]:
     return ["deblur", str(folder / "blurred.png"), *sources, *moment, "-o", str(folder / "again.png")]
 
 
-def _scene(size: tuple[int, int], seed: int) -> rs.NDArray[Any]:
-    margin = round(MARGIN * max(size))
-    return rs.scene(size[1] + 2 * margin, size[0] + 2 * margin, seed=seed)
-
-
-def _write_capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> None:
-    """Simulate the capture, and write the files that a user would have and the truth."""
-    log, camera, (exposure,) = simulated("capture", size, seed)
-    taken = rs.simulate(_scene(size, seed), log, camera, exposure, noise=KINDS["capture"].noise, seed=seed)
-    pictures: dict[str, Any] = {"sharp": taken.rectified, "rolling": taken.rolling, "blurred": taken.blurred}
-    for name, light in pictures.items():
-        rs.write_picture(output / f"{name}.png", rs.from_linear(light.clip(0.0, 1.0), "srgb"), force=force)
-    camera.save(output / CAMERA)
-    _write_log(output / CAPTURE_LOG, log, "t,wx,wy,wz", "{s:.9f},{x:.9f},{y:.9f},{z:.9f}")
-
-
-def _write_session(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: bool) -> None:
-    """Simulate a session and write its files.
-
-    They are those of MARS logger with a camera file, or photos with EXIF blocks and a log of Sensor Logger.
-    """
-    session, stock = KINDS[kind], kind == "stock-camera"
+def _write(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: bool) -> None:
+    """Simulate, and write the files that a user would have; of a single capture, the truth too."""
+    session = KINDS[kind]
     if kind == "video":
         import rsdeblur.video.clip  # noqa: F401  refuses a missing extra before the work
     log, camera, exposures = simulated(kind, size, seed)
-    frames = _frames(kind, size, seed)
-    if session.photos:
-        for name, frame, exposure in zip(session.photos, frames, exposures, strict=True):
-            like = rs.Picture(frame, _exif(exposure)) if stock else None
-            rs.write_picture(folder / name, frame, like=like, bits=8, force=force)
+    margin = round(MARGIN * max(size))
+    sharp = rs.scene(size[1] + 2 * margin, size[0] + 2 * margin, seed=seed)
+    if kind == "capture":
+        taken = rs.simulate(sharp, log, camera, exposures[0], noise=session.noise, seed=seed)
+        frames = map(_display, (taken.rectified, taken.rolling, taken.blurred))
     else:
+        clip = rs.simulate_clip(sharp, log, camera, exposures, noise=session.noise, seed=seed, samples=16)
+        frames = map(_display, clip)
+    if kind == "video":
         _write_movie(folder / MOVIE, frames, size, session.interval)
-    if stock:
-        _write_log(folder / UNIX_LOG, log, "time,seconds_elapsed,z,y,x", "{t},{s:.9f},{z:.9f},{y:.9f},{x:.9f}")
-        return
-    camera.save(folder / CAMERA)
-    _write_log(folder / LOG, log, "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s]", "{t},{x:.9f},{y:.9f},{z:.9f}")
-    focal, readout = camera.focal_length[0], round(1e9 * camera.readout_time)
-    rows = [
-        f"{each.epoch_ns},{focal:.2f},{focal:.2f},{i},{round(1e9 * each.duration)},{readout}"
-        for i, each in enumerate(exposures)
-    ]
-    header = "Timestamp[nanosec],fx[px],fy[px],Frame No.,Exposure time[nanosec],Frame readout time[nanosec]"
-    _write_lines(folder / CAPTURES, [header, *rows])
+    else:
+        blocks = [_exif(each) for each in exposures] if kind == "stock-camera" else [None] * len(session.photos)
+        for name, frame, block in zip(session.photos, frames, blocks, strict=True):
+            rs.write_picture(folder / name, frame, like=rs.Picture(frame, block), bits=8, force=force)
+    name, header, row = LOGS[kind]
+    samples = zip(log.t.tolist(), log.omega.tolist(), strict=True)
+    rows = (row.format(t=log.epoch_ns + round(1e9 * s), s=s, x=x, y=y, z=z) for s, (x, y, z) in samples)
+    _write_lines(folder / name, [header, *rows])
+    if CAMERA in session.files:
+        camera.save(folder / CAMERA)
+    if CAPTURES in session.files:
+        focal, readout = camera.focal_length[0], round(1e9 * camera.readout_time)
+        header = "Timestamp[nanosec],fx[px],fy[px],Frame No.,Exposure time[nanosec],Frame readout time[nanosec]"
+        rows = (
+            f"{each.epoch_ns},{focal:.2f},{focal:.2f},{i},{round(1e9 * each.duration)},{readout}"
+            for i, each in enumerate(exposures)
+        )
+        _write_lines(folder / CAPTURES, [header, *rows])
+
+
+def _display(light: rs.NDArray[Any]) -> rs.NDArray[Any]:
+    return rs.from_linear(light.clip(0.0, 1.0), "srgb")
 
 
 def _exif(exposure: rs.Exposure) -> bytes:
@@ -226,21 +225,6 @@ def _exif(exposure: rs.Exposure) -> bytes:
         }
     )
     return block.tobytes()
-
-
-def _frames(kind: str, size: tuple[int, int], seed: int) -> Iterator[rs.NDArray[Any]]:
-    """Yield the frames as display values in [0, 1]."""
-    inputs = simulated(kind, size, seed)
-    for frame in rs.simulate_clip(_scene(size, seed), *inputs, noise=KINDS[kind].noise, seed=seed, samples=16):
-        yield rs.from_linear(frame.clip(0.0, 1.0), "srgb")
-
-
-def _write_log(path: Path, log: rs.GyroLog, header: str, row: str) -> None:
-    """Write a line for each sample; `row` contains the time `t` in ns, the seconds `s` from the start, x, y and z."""
-    lines = [header]
-    for s, (x, y, z) in zip(log.t.tolist(), log.omega.tolist(), strict=True):
-        lines.append(row.format(t=log.epoch_ns + round(1e9 * s), s=s, x=x, y=y, z=z))
-    _write_lines(path, lines)
 
 
 def _write_lines(path: Path, lines: Sequence[str]) -> None:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +12,12 @@ import click
 
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
+from rsdeblur.cli._inputs import read_device
 from rsdeblur.cli._log import accelerometer
 from rsdeblur.cli._options import READING, Command, Recording
-from rsdeblur.cli._output import print_json, say
+from rsdeblur.cli._output import capture_warnings, cell, print_json, say
 from rsdeblur.cli._types import PATH
-from rsdeblur.errors import CoverageError, FileFormatError, RsdeblurWarning
+from rsdeblur.errors import CoverageError, FileFormatError
 
 EXAMPLES = """\b
 Examples:
@@ -79,14 +78,12 @@ def _entries(files: tuple[Path, ...], recording: Recording) -> Iterator[dict[str
             # The command describes the other files first.
             yield {"file": str(path), "kind": "not understood", "reason": str(error)}
     if recording.capture is not None:
-        coverage = _coverage(recording, recording.capture, reading)
+        coverage = _coverage(recording, recording.capture)
         yield {"file": str(recording.gyro), "kind": f"coverage of {recording.capture}", "exposures": coverage}
 
 
-def _coverage(recording: Recording, capture: Path, reading: dict[str, Any]) -> list[dict[str, Any]]:
-    log, camera = rs.read_gyro(recording.gyro, **reading), rs.read_camera(recording.camera)
-    if recording.time_offset is not None:
-        camera = replace(camera, time_offset=recording.time_offset)
+def _coverage(recording: Recording, capture: Path) -> list[dict[str, Any]]:
+    log, camera = read_device(recording)
     acceleration = accelerometer(recording.gyro)
     report = []
     for exposure in rs.read_captures(capture, duration=recording.duration):
@@ -121,7 +118,8 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
         # Recordings contain a camera too, but are described as captures or gyro logs.
         if format in ("mars", "recording") and describe_kind is describe_camera:
             continue
-        if format != "gyroflow" or describe_kind is describe_gyro or _is_lens_profile(path):
+        is_profile = format == "gyroflow" and rs.is_profile(rs.Source(path, "lens profile").json)
+        if format != "gyroflow" or describe_kind is describe_gyro or is_profile:
             return describe_kind(path, reading)
     # GyroDeblurNet's captures have eight columns too, but no quaternions.
     with suppress(FileFormatError):
@@ -139,18 +137,17 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
         raise FileFormatError(f"{error}; it is not a camera file, a capture file or a picture either") from error
 
 
-def _is_lens_profile(path: Path) -> bool:
-    return rs.is_profile(rs.Source(path, "lens profile").json)
-
-
 def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     """Return the properties of a gyro log."""
     import numpy as np
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", RsdeblurWarning)
+    with capture_warnings(show=False) as remarks:
         file = rs.open_gyro(path, **reading)
-    log = file.log
+    log, acceleration = file.log, accelerometer(path)
+    gravity = {}
+    if acceleration is not None:
+        strength = float(np.median(np.linalg.norm(acceleration.force, axis=1)))
+        gravity = {"accelerometer_hz": acceleration.rate, "gravity_m_s2": strength}
     return {
         "kind": "gyro log",
         "format": file.format,
@@ -164,19 +161,9 @@ def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
         "gaps_s": log.gaps().tolist(),
         "rms_rad_s": np.sqrt(np.mean(log.omega**2, axis=0)).tolist(),
         "peak_rad_s": np.abs(log.omega).max(axis=0).tolist(),
-        **_accelerometer(path),
-        "remarks": [str(warning.message) for warning in caught],
+        **gravity,
+        "remarks": remarks,
     }
-
-
-def _accelerometer(path: Path) -> dict[str, Any]:
-    """Return the properties of the accelerometer in a gyro log; empty if it has none."""
-    import numpy as np
-
-    log = accelerometer(path)
-    if log is None:
-        return {}
-    return {"accelerometer_hz": log.rate, "gravity_m_s2": float(np.median(np.linalg.norm(log.force, axis=1)))}
 
 
 def describe_trajectory(path: Path) -> dict[str, Any]:
@@ -280,16 +267,8 @@ def print_entry(entry: dict[str, Any]) -> None:
         if isinstance(value, list) and isinstance(value[0], (dict, list, str)):
             say(f"  {key}:")
             for i, item in enumerate(value[:SHOWN]):
-                say(f"    {i}: {_cell(item)}")
+                say(f"    {i}: {cell(item)}")
             if len(value) > SHOWN:
                 say(f"    ... {len(value) - SHOWN} more, see --json")
         else:
-            say(f"  {key}: {_cell(value)}")
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {_cell(item)}" for key, item in value.items())
-    if isinstance(value, list):
-        return "  ".join(map(_cell, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+            say(f"  {key}: {cell(value)}")

@@ -11,7 +11,7 @@ from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, transfer_of
 from rsdeblur.cli._options import Command, Recording, Target, option
-from rsdeblur.cli._output import check_output, print_json, progress, say
+from rsdeblur.cli._output import check_output, progress
 from rsdeblur.cli._photo import prepare
 from rsdeblur.cli._types import PATH
 from rsdeblur.pipeline.options import Options
@@ -54,19 +54,13 @@ def command(recording: Recording, options: Options, photo: Path | None, bank: Pa
     bands, strips = paths.lengths.shape
     shortest, longest = float(paths.lengths.min()), float(paths.lengths.max())
     tall, wide = kernels.size
-    if target.as_json:
-        print_json(
-            {
-                "bands": bands,
-                "strips": strips,
-                "psf_px": [wide, tall],
-                "rows": kernels.rows.tolist(),
-                "cols": kernels.cols.tolist(),
-                "path_px": {"shortest": shortest, "longest": longest},
-            }
-        )
-    else:
-        say(
-            f"{bands} x {strips} kernels (bands x strips) of {wide} x {tall} px, paths {shortest:.1f} to "
-            f"{longest:.1f} px long"
-        )
+    facts = {
+        "bands": bands,
+        "strips": strips,
+        "psf_px": [wide, tall],
+        "rows": kernels.rows.tolist(),
+        "cols": kernels.cols.tolist(),
+        "path_px": {"shortest": shortest, "longest": longest},
+    }
+    grid = f"{bands} x {strips} kernels (bands x strips) of {wide} x {tall} px"
+    target.show(facts, f"{grid}, paths {shortest:.1f} to {longest:.1f} px long")

@@ -11,7 +11,7 @@ from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of
 from rsdeblur.cli._options import MANY, Command, Recording, Target, option
-from rsdeblur.cli._output import prepare_folder, print_json, progress, say
+from rsdeblur.cli._output import prepare_folder, progress
 from rsdeblur.cli._types import NOT_NEGATIVE, PATH
 
 EXAMPLES = """\b
@@ -53,7 +53,7 @@ def command(
     """
     paths = [target.output / f"{name}.png" for name in ("blurred", "rectified", "rolling")]
     prepare_folder(target.output, [path.name for path in paths], force=target.force)
-    picture, log, camera, exposure = read_inputs(sharp, recording, is_scene=True)
+    picture, log, camera, exposure = read_inputs(sharp, recording)
 
     encoding = transfer_of(picture, transfer)
     # PNG files are for display, so linear light is encoded.
@@ -63,7 +63,5 @@ def command(
         pictures = rs.simulate(light, log, camera, exposure, noise=noise, seed=seed)
     for path, values in zip(paths, pictures, strict=True):
         rs.write_picture(path, rs.from_linear(values.clip(0.0, 1.0), written), bits=int(bits), force=target.force)
-    if target.as_json:
-        print_json({"outputs": [str(path) for path in paths], "size_px": [camera.width, camera.height]})
-    else:
-        say(f"{', '.join(map(str, paths))}: {camera.width} x {camera.height} px")
+    facts = {"outputs": [str(path) for path in paths], "size_px": [camera.width, camera.height]}
+    target.show(facts, f"{', '.join(map(str, paths))}: {camera.width} x {camera.height} px")

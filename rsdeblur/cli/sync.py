@@ -11,13 +11,18 @@ import click
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import checked_offset, naming, read_inputs, recordings_of, transfer_of
+from rsdeblur.cli._inputs import (
+    checked_offset,
+    naming,
+    photo_gravity,
+    read_inputs,
+    recordings_of,
+    search_span,
+    transfer_of,
+)
 from rsdeblur.cli._options import SERIES, Command, Recording, option
 from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.cli._types import PATH, SECONDS
-
-# Shifts to try, s.
-SEARCH = (-0.06, 0.06)
 
 EXAMPLES = """\b
 Examples:
@@ -52,17 +57,16 @@ def command(
     motion that changes; or that the photos disagree. The moments of several photos come from --capture, by the
     timestamps or frame numbers in their names.
     """
-    from_exif = recording.start == "exif"
-    if from_exif and len(photos) > 1:
-        raise click.UsageError("--start exif: times in EXIF differ from photo to photo; give one photo")
     if first is not None and last is not None and first >= last:
         raise click.UsageError(f"--from {1e3 * first:g}ms must be less than --to {1e3 * last:g}ms")
     if write:
         # Before the search: the file may be of a kind that has no place for the offset.
         rs.check_editable(recording.camera)
-    usual = rs.EXIF_ERROR if from_exif else SEARCH
-    pairs = zip(photos, recordings_of(photos, recording), strict=True)
-    inputs = [read_inputs(photo, each) for photo, each in pairs]
+    usual = rs.EXIF_ERROR if recording.start == "exif" else None
+    inputs = []
+    for photo, each in zip(photos, recordings_of(photos, recording), strict=True):
+        inputs.append(read_inputs(photo, each))
+        photo_gravity(photo, inputs[-1], each)
     transfers = sorted({str(transfer_of(each.picture, transfer)) for each in inputs})
     if len(transfers) > 1:
         raise click.UsageError(f"the photos encode light differently ({', '.join(transfers)}); give --transfer")
@@ -70,7 +74,7 @@ def command(
         found = rs.find_time_offset(
             [each.picture.pixels for each in inputs],
             *(inputs[0].log, inputs[0].camera, [each.exposure for each in inputs]),
-            search=(usual[0] if first is None else first, usual[1] if last is None else last),
+            search=search_span(rs.find_time_offset, first, last, usual),
             transfer=transfer_of(inputs[0].picture, transfer),
             progress=move,
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
@@ -33,11 +33,12 @@ Examples:
 
 
 class _Shot(NamedTuple):
-    """One photo or frame: its name, and its recording or the reason why that is unknown."""
+    """One photo or frame: its name, its exposure or None, its blur in px, and the reason why that is unknown."""
 
     name: dict[str, Any]
-    recording: tuple[rs.GyroLog, rs.Camera, rs.Exposure] | None
-    reason: str | None = None
+    exposure: rs.Exposure | None
+    blur: float
+    reason: str | None
 
 
 @click.command("triage", cls=Command, epilog=EXAMPLES)
@@ -60,13 +61,7 @@ class _Shot(NamedTuple):
     help="Longest path of a picture that is worth deblurring.",
 )
 @_options.target_options("DIR", f"Folder for {TABLE}, {REPORT} and {PLOT}.", required=False)
-def command(
-    source: Path,
-    recording: Recording,
-    keep: float,
-    drop: float,
-    target: Target,
-) -> None:
+def command(source: Path, recording: Recording, keep: float, drop: float, target: Target) -> None:
     """Measure the blur of photos or frames by the gyro log alone.
 
     No pixels are read. Each picture gets the length of the longest path that a point draws during the exposure, in px,
@@ -89,16 +84,9 @@ def command(
         shots = _photos(source, recording, output)
     if not shots:
         raise InputError(f"{source}: there is nothing to measure, because no photo is listed")
-    with progress("triage") as move:
-        blurs: list[tuple[float, str | None]] = []
-        for i, shot in enumerate(shots):
-            blurs.append((math.nan, shot.reason) if shot.recording is None else rs.blur_of(*shot.recording))
-            if move is not None:
-                move(f"{i + 1} of {len(shots)}", (i + 1) / len(shots))
-    lengths, reasons = zip(*blurs, strict=True)
     import numpy as np
 
-    judged = rs.Triage(np.array(lengths), reasons, keep, drop)
+    judged = rs.Triage(np.array([shot.blur for shot in shots]), tuple(shot.reason for shot in shots), keep, drop)
     entries = _entries(shots, judged)
     report = {"keep_px": keep, "drop_px": drop, "counts": judged.counts, "items": entries}
     if output is not None:
@@ -116,31 +104,41 @@ def command(
 
 
 def _frames(source: Path, recording: Recording) -> list[_Shot]:
-    """Return the frames of a video; only their timestamps are read."""
+    """Measure the frames of a video; only their timestamps are read."""
     require(recording, "gyro", "camera")
     device = read_device(recording)
     exposures = clip_exposures(rs.open_clip(source), recording)
-    return [_Shot({"frame": i}, (*device, exposure)) for i, exposure in enumerate(exposures)]
+    return [_Shot({"frame": i}, each, *rs.blur_of(*device, each)) for i, each in enumerate(_shown(exposures))]
 
 
 def _photos(source: Path, recording: Recording, output: Path | None) -> list[_Shot]:
-    """Return the photos of a folder or of a manifest."""
+    """Measure the photos of a folder or of a manifest."""
     shots = []
-    for item in read_items(source, recording, output or source / "triage"):
-        known, failure = None, item.error
+    for item in _shown(read_items([source], recording, output or source / "triage")):
+        exposure, blur, failure = None, math.nan, item.error
         if item.recording is not None:
             try:
-                known = read_recording(item.recording, item.photo)
+                log, camera, exposure = read_recording(item.recording, item.photo)
+                blur, failure = rs.blur_of(log, camera, exposure)
             except FAILURES as error:
                 failure = reason(error)
-        shots.append(_Shot({"photo": str(item.photo)}, known, failure))
+        shots.append(_Shot({"photo": str(item.photo)}, exposure, blur, failure))
     return shots
+
+
+def _shown(items: Sequence[Any]) -> Iterator[Any]:
+    """Yield items, and show the progress."""
+    with progress("triage") as move:
+        for i, item in enumerate(items):
+            if move is not None:
+                move(f"{i + 1} of {len(items)}", i / len(items))
+            yield item
 
 
 def _entries(shots: Sequence[_Shot], judged: rs.Triage) -> list[dict[str, Any]]:
     """Return what is known about each picture; times are those after the first start of an exposure."""
-    exposures = [None if shot.recording is None else shot.recording[2] for shot in shots]
     # Timestamps of 64 bits are exact as integers only.
+    exposures = [shot.exposure for shot in shots]
     starts = [None if each is None else each.epoch_ns + round(1e9 * each.start) for each in exposures]
     first = min((start for start in starts if start is not None), default=0)
     columns = zip(shots, starts, judged.lengths.tolist(), judged.decisions, judged.reasons, strict=True)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -15,12 +13,11 @@ from rsdeblur._util.atomic import check_target
 from rsdeblur.choices import CRF, KEEP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import clip_exposures, naming, read_device, warn_of_clip_gravity
+from rsdeblur.cli._inputs import naming, read_clip
 from rsdeblur.cli._options import CLIP, OUTPUT, SOLVE, Command, Recording, Target, option
-from rsdeblur.cli._output import print_json, progress, say
+from rsdeblur.cli._output import progress, warn
 from rsdeblur.cli._photo import refinement_facts, remarks
 from rsdeblur.cli._types import NOT_NEGATIVE, PATH
-from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.pipeline.options import Options
 from rsdeblur.video import QUALITY
 
@@ -80,27 +77,23 @@ def command(
     check_target(output, force=target.force)
     rs.container_of(output)
     rs.keep()
-    log, camera = read_device(recording)
     with progress("video") as move, naming(source, recording):
-        clip = rs.open_clip(source)
-        exposures = clip_exposures(clip, recording)
-        warn_of_clip_gravity(clip, recording, camera, exposures)
+        clip, log, camera, exposures = read_clip(source, recording)
         encoding = rs.Encoding.like(clip, codec=codec, crf=crf)
         rs.check_output(clip, encoding, output, force=target.force)
         jobs, threads = _options.shared_threads(jobs, options.threads, tasks=len(clip))
         plan = rs.plan_clip(clip, log, camera, exposures, options, above=above, progress=move)
         plan = replace(plan, options=replace(plan.options, threads=threads))
         facts = _facts(plan, encoding, output)
-        _warn(source, plan.reasons)
+        reasons = [f"frame {i}: {reason}" for i, reason in enumerate(plan.reasons) if reason is not None]
+        if reasons:
+            warn(f"{source}: {len(reasons)} of {len(clip)} frames are kept as they are; {reasons[0]}")
         if target.dry_run:
             facts |= {"estimated_s": rs.estimated_seconds(plan, encoding, jobs=jobs)}
         else:
             result = rs.deblur_video(plan, output, encoding=encoding, jobs=jobs, force=target.force, progress=move)
             facts |= asdict(result) | {"seconds": time.perf_counter() - begin}
-    if target.as_json:
-        print_json(facts | {"dry_run": target.dry_run})
-    else:
-        _print(source, output, facts, target.dry_run)
+    target.show(facts | {"dry_run": target.dry_run}, *_lines(source, output, facts))
 
 
 def _facts(plan: rs.ClipPlan, encoding: rs.Encoding, output: Path) -> dict[str, Any]:
@@ -128,28 +121,18 @@ def _facts(plan: rs.ClipPlan, encoding: rs.Encoding, output: Path) -> dict[str, 
     }
 
 
-def _warn(source: Path, reasons: Sequence[str | None]) -> None:
-    kept = [(i, reason) for i, reason in enumerate(reasons) if reason is not None]
-    if kept:
-        warnings.warn(
-            f"{source}: {len(kept)} of {len(reasons)} frames are kept as they are; frame {kept[0][0]}: {kept[0][1]}",
-            RsdeblurWarning,
-            stacklevel=2,
-        )
-
-
-def _print(source: Path, output: Path, facts: dict[str, Any], dry_run: bool) -> None:
+def _lines(source: Path, output: Path, facts: dict[str, Any]) -> list[str]:
     wide, tall = facts["psf_px"]
     tiles = f"up to {facts['bands']} x {facts['strips']} PSFs of up to {wide} x {tall} px"
     how = f"{facts['mode']}, {tiles}, {facts['prior']}, {facts['codec']}"
-    frames = (
-        f"{facts['treated']} of {facts['frames']} frames deblurred, the largest blur {facts['largest_blur_px']:.1f} px"
-    )
+    frames = f"{facts['treated']} of {facts['frames']} frames deblurred"
+    frames += f", the largest blur {facts['largest_blur_px']:.1f} px"
     verdict = "" if facts["check"] is None else f"; {facts['check']['verdict']}"
-    if dry_run:
-        say(f"{source}: {facts['frames']} frames, {facts['span_s']:.2f} s, all inputs fit; would write {output}")
-        say(f"  {frames}, about {facts['estimated_s']:.0f} s{verdict}", f"  {how}")
+    if "estimated_s" in facts:
+        fit = f"{facts['frames']} frames, {facts['span_s']:.2f} s, all inputs fit"
+        work = f"  {frames}, about {facts['estimated_s']:.0f} s{verdict}"
+        lines = [f"{source}: {fit}; would write {output}", work, f"  {how}"]
     else:
         dropped = f"; left out: {', '.join(facts['dropped'])}" if facts["dropped"] else ""
-        say(f"{output}: {frames}, {how}, {facts['seconds']:.1f} s{dropped}{verdict}")
-    say(*remarks(facts, asked=True))
+        lines = [f"{output}: {frames}, {how}, {facts['seconds']:.1f} s{dropped}{verdict}"]
+    return lines + remarks(facts, asked=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -25,10 +25,10 @@ TEXT: Colour = (232, 232, 228)
 MARKS: tuple[Colour, ...] = ((255, 176, 59), (94, 206, 255), (148, 232, 128))
 DIM = 0.4  # brightness left to a picture below kernels
 FILLED = 0.94  # share of the room between two places that a kernel may fill
-# px: width of a picture in a grid, space between two, and size of text.
-PANEL, GUTTER, FONT = 560, 10, 18
-# px of the longer side of a map of PSFs, below which is a caption.
-LONG_SIDE, FOOTER = 1600, 40
+# px: width of a picture in a grid, space between two, size of text and height of a line of it.
+PANEL, GUTTER, FONT, TITLE = 560, 10, 18, 34
+LONG_SIDE = 1600  # px of a map of PSFs
+MOST = 12, 9  # rows and columns of kernels in one drawing; more would have no room
 # Bytes of the pictures of a page together; base64 adds a third. JPEG's quality.
 BUDGET, QUALITY = 9 * 2**20, 92
 
@@ -90,12 +90,11 @@ def side_by_side(images: Mapping[str, Display]) -> FloatImage:
         raise InputError(f"pictures side by side need one size: {sizes}")
     boxes = _detailed(list(panels.values()), len(MARKS))
     columns = [_with_details(panel, boxes) for panel in panels.values()]
-    title = 2 * FONT - 4
-    across, down = columns[0].width + GUTTER, columns[0].height + title + 2 * GUTTER
+    across, down = columns[0].width + GUTTER, columns[0].height + TITLE + 2 * GUTTER
     sheet = Image.new("RGB", (len(columns) * across + GUTTER, down), GROUND)
     for i, (label, column) in enumerate(zip(panels, columns, strict=True)):
         _caption(sheet, (GUTTER + i * across + 2, 6), label)
-        sheet.paste(column, (GUTTER + i * across, title))
+        sheet.paste(column, (GUTTER + i * across, TITLE))
     return _display(sheet)
 
 
@@ -114,14 +113,22 @@ def _with_details(panel: Image.Image, boxes: Sequence[Box]) -> Image.Image:
     return column
 
 
+def telling_place(first: Display, other: Display) -> tuple[float, float]:
+    """Return (x, y) of the middle of a part in which two pictures have much detail, px."""
+    left, top, right, bottom = _detailed([rgb8("picture", picture) for picture in (first, other)], 1)[0]
+    return (left + right) / 2, (top + bottom) / 2
+
+
 def _detailed(panels: Sequence[Image.Image], count: int) -> list[Box]:
     """Return `count` boxes of 4:3, from top to bottom, where the pictures have most detail."""
     width, height = panels[0].size
     tall = max(min(height, round(0.75 * width)) // 4, min(height, 16))
     wide = min(round(tall * 4 / 3), width)
     # The square root keeps one hard edge from outweighing fine print.
-    detail = np.sum([np.sqrt(_gradient(panel)) for panel in panels], axis=0)
-    sums = box_sums(detail, tall, wide)
+    table = np.sum([np.sqrt(_gradient(panel)) for panel in panels], axis=0).cumsum(axis=0).cumsum(axis=1)
+    table = np.pad(table, ((1, 0), (1, 0)))
+    # The sum over the box below and right of every place where it fits.
+    sums = table[tall:, wide:] - table[:-tall, wide:] - table[tall:, :-wide] + table[:-tall, :-wide]
     # Deblurring is worst along the picture's edge.
     edge = min(24, height // 16, (width - wide) // 2)
     boxes = []
@@ -142,59 +149,37 @@ def _gradient(panel: Image.Image) -> FloatArray:
     return magnitude
 
 
-def box_sums(values: FloatArray, tall: int, wide: int) -> FloatArray:
-    """Return the sum over the box of `tall` x `wide` px below and right of every place where it fits."""
-    table = np.pad(np.asarray(values, dtype=np.float64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-    sums: FloatArray = table[tall:, wide:] - table[:-tall, wide:] - table[tall:, :-wide] + table[:-tall, :-wide]
-    return sums
-
-
-def brightness(kernels: FloatArray) -> FloatArray:
-    """Return kernels, shape (..., h, w), from 0 to 1, each brightened to its own peak."""
-    peaks = np.maximum(kernels.max(axis=(-2, -1), keepdims=True), 1e-30)
-    # The square root makes faint parts of a trail visible.
-    bright: FloatArray = np.sqrt(np.clip(kernels / peaks, 0.0, 1.0))
-    return bright
-
-
 class Trails(NamedTuple):
     """Kernels of a bank as drawings show them, with the rows and columns of their places in px.
 
-    `kernels`, shape (B, S, h, w), are brightened to their own peaks and cut to the smallest common size that keeps
-    what is visible. One of `every` rows and columns is left.
+    `kernels`, shape (B, S, h, w), are an even selection, brightened to their own peaks from 0 to 1, and cut to the
+    smallest common size that keeps what is visible.
     """
 
     rows: FloatArray
     cols: FloatArray
     kernels: FloatArray
-    every: tuple[int, int] = (1, 1)
 
     @classmethod
     def of(cls, bank: PsfBank) -> Trails:
-        """Return all kernels of a bank."""
-        kernels = np.asarray(bank.kernels, dtype=np.float64)
+        """Return at most `MOST` rows and columns of the kernels of a bank."""
+        down, across = map(thinned, bank.kernels.shape[:2], MOST)
+        kernels = np.asarray(bank.kernels[down, across], dtype=np.float64)
+        shares = kernels / np.maximum(kernels.max(axis=(2, 3), keepdims=True), 1e-30)
         # Values below a thousandth of the peak are invisible.
-        seen = (kernels > 1e-3 * kernels.max(axis=(2, 3), keepdims=True)).any(axis=(0, 1))
+        seen = (shares > 1e-3).any(axis=(0, 1))
         middle = np.array(seen.shape) // 2
         # One pixel of margin lets the glow fade out where it is enlarged.
         reach = np.abs(np.argwhere(seen) - middle).max(axis=0) + 1
-        padded = np.pad(kernels, ((0, 0), (0, 0), (1, 1), (1, 1)))
         (top, left), (bottom, right) = middle + 1 - reach, middle + 2 + reach
-        return cls(np.asarray(bank.rows), np.asarray(bank.cols), brightness(padded[:, :, top:bottom, left:right]))
-
-    def thinned(self, most: Iterable[float]) -> Trails:
-        """Return at most so many rows and columns of kernels, evenly spaced."""
-        down, across = map(thinned, self.kernels.shape[:2], most)
-        return Trails(self.rows[down], self.cols[across], self.kernels[down, across], (down.step, across.step))
-
-    def zoom(self, shape: tuple[int, ...]) -> float:
-        """Return the factor by which the kernels fill the room between two places of a picture of this shape."""
-        return fitting(self.rows, self.cols, self.kernels.shape[2:], shape)
+        padded = np.pad(shares, ((0, 0), (0, 0), (1, 1), (1, 1)))[:, :, top:bottom, left:right]
+        # The square root makes faint parts of a trail visible.
+        return cls(np.asarray(bank.rows)[down], np.asarray(bank.cols)[across], np.sqrt(padded.clip(0.0, 1.0)))
 
 
-def thinned(count: int, most: float) -> slice:
+def thinned(count: int, most: int) -> slice:
     """Return a slice that takes at most `most` of `count` things, evenly spaced."""
-    every = math.ceil(count / most - 1e-9)
+    every = -(-count // most)
     return slice((count - 1) % every // 2, None, every)
 
 
@@ -207,11 +192,35 @@ def fitting(rows: FloatArray, cols: FloatArray, size: Sequence[float], shape: tu
     return FILLED * min(float(room) / side for room, side in zip(rooms, size, strict=True))
 
 
+def draw_kernels(bank: PsfBank, shape: tuple[int, ...], picture: Display | None = None) -> tuple[Image.Image, str]:
+    """Draw the kernels of `bank` at their places in a picture of this shape, dimmed below them, and describe them."""
+    scale = LONG_SIDE / max(shape[:2])
+    width, height = (max(round(side * scale), 1) for side in (shape[1], shape[0]))
+    drawing = Image.new("RGB", (width, height), GROUND)
+    if picture is not None:
+        grey = rgb8("picture", picture).convert("L").resize((width, height), Image.Resampling.BICUBIC)
+        drawing.paste(grey.point(lambda value: value * DIM).convert("RGB"))
+    rows, cols, kernels = Trails.of(bank)
+    zoom = min(fitting(rows, cols, kernels.shape[2:], shape) * scale, 12.0)
+    places = [((row + 0.5) * scale, (col + 0.5) * scale) for row in rows for col in cols]
+    for kernel, place in zip(kernels.reshape(-1, *kernels.shape[2:]), places, strict=True):
+        _lay(drawing, kernel, zoom, place)
+    pen = ImageDraw.Draw(drawing)
+    for y, x in places:
+        pen.line((x - 2, y, x + 2, y), fill=MARKS[1])
+        pen.line((x, y - 2, x, y + 2), fill=MARKS[1])
+    # Not bands x strips: with a horizontal readout the bands are columns.
+    (down, across), (tall, wide) = bank.kernels.shape[:2], bank.size
+    grid = f"{down} row{'s' * (down > 1)} x {across} column{'s' * (across > 1)} of kernels"
+    text = f"{grid} of {wide} x {tall} px, drawn {zoom / scale:.2g} times as large as in the picture"
+    return drawing, text if (len(rows), len(cols)) == (down, across) else f"{text}; {len(rows)} x {len(cols)} shown"
+
+
 def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: Display | None = None) -> FloatImage:
-    """Draw the kernels of `bank` at their places in the picture.
+    """Draw the kernels of `bank` at their places in the picture, with a caption.
 
     All kernels are enlarged (or reduced) by one factor, so that the closest two just fit; each is brightened to its own
-    peak. Crosses mark the places. Where these are too close, only every n-th kernel is drawn, and the caption says so.
+    peak. Crosses mark the places. Of many kernels an even selection is drawn, and the caption says so.
 
     Parameters
     ----------
@@ -234,32 +243,11 @@ def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: Display | None = 
     """
     if picture is not None and picture.shape[:2] != tuple(shape[:2]):
         raise InputError(f"picture must have shape {shape[:2]} like the one deblurred, got {picture.shape[:2]}")
-    scale = LONG_SIDE / max(shape[:2])
-    width, height = (max(round(side * scale), 1) for side in (shape[1], shape[0]))
-    drawing = Image.new("RGB", (width, height + FOOTER), GROUND)
-    if picture is not None:
-        grey = rgb8("picture", picture).convert("L").resize((width, height), Image.Resampling.BICUBIC)
-        drawing.paste(grey.point(lambda value: value * DIM).convert("RGB"))
-    trails = Trails.of(bank)
-    down, across, tall, wide = trails.kernels.shape
-    # Kernels get 40 px and twice their size, except where that would leave fewer than 6 rows or columns.
-    rooms = height / max(40.0, 2.0 * scale * tall), width / max(40.0, 2.0 * scale * wide)
-    trails = trails.thinned(max(room, n / max(n // 6, 1)) for room, n in zip(rooms, (down, across), strict=True))
-    zoom = min(trails.zoom(shape) * scale, 12.0)
-    places = [((row + 0.5) * scale, (col + 0.5) * scale) for row in trails.rows for col in trails.cols]
-    for kernel, place in zip(trails.kernels.reshape(-1, *trails.kernels.shape[2:]), places, strict=True):
-        _lay(drawing, kernel, zoom, place)
-    pen = ImageDraw.Draw(drawing)
-    for y, x in places:
-        pen.line((x - 2, y, x + 2, y), fill=MARKS[1])
-        pen.line((x, y - 2, x, y + 2), fill=MARKS[1])
-    pen.rectangle((0, height, width, height + FOOTER), fill=GROUND)
-    # Not bands x strips: with a horizontal readout the bands are columns.
-    grid = f"{down} row{'s' * (down > 1)} x {across} column{'s' * (across > 1)} of kernels"
-    text = f"{grid} of {bank.size[1]} x {bank.size[0]} px, drawn {zoom / scale:.2g} times as large as in the picture"
-    left_out = [f"1 of {n} {lines}" for n, lines in zip(trails.every, ("rows", "columns"), strict=True) if n > 1]
-    _caption(drawing, (12, height + 9), text + (f"; {' and '.join(left_out)} shown" if left_out else ""))
-    return _display(drawing)
+    drawing, text = draw_kernels(bank, shape, picture)
+    sheet = Image.new("RGB", (drawing.width, drawing.height + TITLE), GROUND)
+    sheet.paste(drawing)
+    _caption(sheet, (GUTTER, drawing.height + GUTTER // 2), text)
+    return _display(sheet)
 
 
 def _lay(drawing: Image.Image, kernel: FloatArray, zoom: float, place: tuple[float, float]) -> None:
@@ -280,7 +268,7 @@ def picture_uris(pictures: Mapping[str, Display], icc_profile: bytes | None) -> 
     while True:
         size = max(round(images[0].width * scale), 1), max(round(images[0].height * scale), 1)
         reduced = (image if size == image.size else image.resize(size, Image.Resampling.LANCZOS) for image in images)
-        uris = [_uri(image, quality=QUALITY, subsampling=0, icc_profile=icc_profile or b"") for image in reduced]
+        uris = [_uri(image, subsampling=0, icc_profile=icc_profile or b"") for image in reduced]
         total = 3 / 4 * sum(map(len, uris))
         if total <= BUDGET or max(size) == 1:
             return uris, scale
@@ -289,9 +277,9 @@ def picture_uris(pictures: Mapping[str, Display], icc_profile: bytes | None) -> 
 
 
 def thumbnail_uri(image: Image.Image, side: int) -> str:
-    """Encode a picture at most `side` px long or wide; 200 photos of 280 px and their results take about 6 MB."""
+    """Encode a picture at most `side` px long or wide; 200 photos of 280 px and their results take about 10 MB."""
     image.thumbnail((side, side))
-    return _uri(image, quality=80)
+    return _uri(image)
 
 
 def weight_map_uri(picture: Display, weights: Display) -> str:
@@ -304,8 +292,7 @@ def weight_map_uri(picture: Display, weights: Display) -> str:
 
 def bank_data(bank: PsfBank) -> dict[str, Any]:
     """Return an evenly spaced selection of the kernels as one grey picture, with their places, for a page."""
-    # More would have no room on the picture.
-    rows, cols, kernels, _ = Trails.of(bank).thinned((17, 11))
+    rows, cols, kernels = Trails.of(bank)
     down, across, tall, wide = kernels.shape
     atlas = rgb8("kernels", kernels.transpose(0, 2, 1, 3).reshape(down * tall, across * wide)).convert("L")
     return {
@@ -319,5 +306,5 @@ def bank_data(bank: PsfBank) -> dict[str, Any]:
 
 def _uri(image: Image.Image, *, kind: str = "jpeg", **options: Any) -> str:
     buffer = BytesIO()
-    image.save(buffer, kind, **options)
+    image.save(buffer, kind, quality=QUALITY, **options)
     return f"data:image/{kind};base64,{base64.b64encode(buffer.getvalue()).decode()}"

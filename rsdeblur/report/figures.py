@@ -1,85 +1,25 @@
-"""Figures of a report: sharpness and ringing by bands, the motion, and findings about a capture and its results."""
+"""Figures of a report: the motion, and findings about a capture and its results."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.choices import DROP
-from rsdeblur.estimate.motion_evidence import MOST_TILES
-from rsdeblur.estimate.noise import halved
 from rsdeblur.image.highlights import at_full_scale
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.report.drawings import box_sums
-from rsdeblur.types import FloatArray, FloatImage
+from rsdeblur.types import FloatArray
 
 Level = Literal["warning", "note", "good"]
 LEVELS: tuple[Level, ...] = ("warning", "note", "good")
 # How much verdicts limit a result; others are warnings.
 VERDICT_LEVELS: dict[str, Level] = {"good": "good", "cannot tell": "note", "not checked": "note"}
-
-
-def band_figures(
-    pictures: Mapping[str, NDArray[np.floating]], ringings: Mapping[str, Sequence[float]], *, across: bool = False
-) -> dict[str, Any]:
-    """Measure the sharpness of each picture in six equal bands along the readout, and list the ringing beside it.
-
-    Sharpness is measured at half the size, where most of the noise of single pixels is averaged out: the steepness of
-    edges is the gradient that one pixel in a hundred exceeds. Ringing beside edges makes them steeper; so read both
-    figures together.
-
-    `pictures` contains display values in [0, 1], (H, W) or (H, W, C), all of one size, the blurred one first, and
-    `ringings` the ringings of those that were checked; `across` makes bands of columns. The result has ``edges``, the
-    start of each band and the end of the last one in px; ``sharpness``, for each picture the steepness of its edges as
-    a multiple of the first picture's, None where that has no edges; and ``ringing``, in percent of the picture's
-    contrast, None without a check.
-    """
-    greys = {label: _grey(np.asarray(picture, dtype=np.float32)) for label, picture in pictures.items()}
-    if across:
-        greys = {label: np.ascontiguousarray(grey.T) for label, grey in greys.items()}
-    edges = np.linspace(0, len(next(iter(greys.values()))), MOST_TILES + 1).round().astype(int).tolist()
-    bands = [slice(first // 2, max(last // 2, 1)) for first, last in pairwise(edges)]
-    steep: dict[str, list[tuple[float, float]]] = {}
-    for label, grey in greys.items():
-        half = halved(grey[..., None])[..., 0]
-        steep[label] = [_steepness(half[band]) for band in bands]
-    blurred = next(iter(steep.values()))
-    # In pure noise the steepness is 2.6 times the median gradient (Rayleigh's distribution); a band of the input in
-    # which it is less than about twice that has no edges.
-    sharpness = {
-        label: [
-            mine / first if first > 5.0 * common else None
-            for (mine, _), (first, common) in zip(each, blurred, strict=True)
-        ]
-        for label, each in steep.items()
-    }
-    ringing: dict[str, list[float | None]] = {label: [None] * MOST_TILES for label in pictures}
-    ringing |= {label: [100.0 * part for part in parts] for label, parts in ringings.items()}
-    return {"edges": edges, "sharpness": sharpness, "ringing": ringing}
-
-
-def _grey(picture: FloatImage) -> FloatImage:
-    if picture.ndim == 2:
-        return picture
-    # Rec. 709.
-    weights = np.array([0.2126, 0.7152, 0.0722] if picture.shape[2] >= 3 else [1.0], dtype=np.float32)
-    grey: FloatImage = picture[..., : len(weights)] @ weights
-    return grey
-
-
-def _steepness(half: FloatImage) -> tuple[float, float]:
-    """Return the gradient's magnitude at the edges, and its median."""
-    if min(half.shape) < 2:
-        return 0.0, 0.0
-    steep, common = np.percentile(np.hypot(*np.gradient(half)), [99.0, 50.0])
-    return float(steep), float(common)
 
 
 def readout_data(camera: Camera, exposure: Exposure) -> dict[str, Any]:
@@ -119,19 +59,6 @@ def motion_data(log: GyroLog, camera: Camera, exposure: Exposure) -> dict[str, A
         "t": np.round(1e3 * (t[near] - start), 4).tolist(),
         "rates": np.round(rates[near].T, 6).tolist(),
     }
-
-
-def telling_place(first: NDArray[np.floating], other: NDArray[np.floating]) -> tuple[float, float]:
-    """Return (x, y) of the middle of the part in which two pictures differ most, px.
-
-    The part is half as wide and as high as the picture. Flat differences, as of brightness, do not count.
-    """
-    height, width = first.shape[:2]
-    grey = np.subtract(other, first, dtype=np.float32).reshape(height, width, -1).mean(axis=2)
-    tall, wide = max(height // 2, 1), max(width // 2, 1)
-    sums = box_sums(np.pad(np.abs(np.diff(grey, axis=1)), ((0, 0), (0, 1))), tall, wide)
-    y, x = np.unravel_index(int(sums.argmax()), sums.shape)
-    return float(x) + wide / 2, float(y) + tall / 2
 
 
 class Finding(NamedTuple):
@@ -177,13 +104,16 @@ def findings(
     return outcomes
 
 
+def _outcome(subject: str, text: str, level: Level, more: str, *, applies: bool) -> Finding:
+    """Return a finding of a level with `more` text if that applies, or a good one."""
+    return Finding(level, subject, text + more) if applies else Finding("good", subject, text)
+
+
 def _coverage(t: FloatArray, opens: float, closes: float) -> Finding:
     before, after = opens - t[0], t[-1] - closes
     text = f"The log starts {_time(before)} before the first row opens and ends {_time(after)} after the last closes."
-    # s
-    if min(before, after) < 0.02:
-        return Finding("note", "Coverage", text + " That leaves little room for a different time offset.")
-    return Finding("good", "Coverage", text)
+    more = " That leaves little room for a different time offset."
+    return _outcome("Coverage", text, "note", more, applies=min(before, after) < 0.02)  # s
 
 
 def _gaps(log: GyroLog, t: FloatArray, opens: float, closes: float) -> Finding:
@@ -202,10 +132,9 @@ def _gaps(log: GyroLog, t: FloatArray, opens: float, closes: float) -> Finding:
 def _sampling(log: GyroLog, exposure: Exposure) -> Finding:
     per_row = exposure.duration * log.rate
     text = f"{log.rate:.4g} samples per second, {per_row:.3g} per row's exposure of {_time(exposure.duration)}."
+    more = " The motion between samples is interpolated, and may be wrong."
     # A hand's tremor reaches 12 Hz; with fewer samples, the motion between them is guesswork.
-    if per_row < 4 and log.rate < 50.0:
-        return Finding("warning", "Sampling", text + " The motion between samples is interpolated, and may be wrong.")
-    return Finding("good", "Sampling", text)
+    return _outcome("Sampling", text, "warning", more, applies=per_row < 4 and log.rate < 50.0)
 
 
 def _gyro_range(log: GyroLog, t: FloatArray, opens: float, closes: float) -> Finding:
@@ -228,12 +157,10 @@ def _saturation(pixels: NDArray[Any], can_split: bool) -> Finding:
     clipped = at_full_scale(colours)
     share = float(np.mean(clipped if clipped.ndim == 2 else clipped.any(axis=2)))
     text = f"{share:.2%} of the pixels are clipped at white."
+    remedy = ", fewer with --saturation always" if can_split else ""
+    more = f" Their brightness is unknown: expect waves around highlights{remedy}."
     # Below a thousandth, the result does not visibly suffer.
-    if share > 1e-3:
-        remedy = ", fewer with --saturation always" if can_split else ""
-        text += f" Their brightness is unknown: expect waves around highlights{remedy}."
-        return Finding("warning", "Saturation", text)
-    return Finding("good", "Saturation", text)
+    return _outcome("Saturation", text, "warning", more, applies=share > 1e-3)
 
 
 def _size(psf: tuple[int, int], shape: tuple[int, ...]) -> Finding:
@@ -243,9 +170,7 @@ def _size(psf: tuple[int, int], shape: tuple[int, ...]) -> Finding:
         more = " The blur is too large for a faithful result: many frequencies are lost, and borders affect much of it."
         return Finding("warning", "Motion", text + more)
     # A kernel of 3 px is one pixel and its margin.
-    if max(psf) <= 3:
-        return Finding("note", "Motion", text + " There is hardly any blur to remove.")
-    return Finding("good", "Motion", text)
+    return _outcome("Motion", text, "note", " There is hardly any blur to remove.", applies=max(psf) <= 3)
 
 
 def _time(seconds: float) -> str:

@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
-from itertools import pairwise
 from pathlib import Path
 from string import Template
 from typing import Any, NamedTuple
@@ -27,8 +26,8 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.psf import PsfBank
-from rsdeblur.report.drawings import bank_data, picture_uris, thumbnail_uri, weight_map_uri
-from rsdeblur.report.figures import LEVELS, VERDICT_LEVELS, Finding, band_figures, findings, motion_data, telling_place
+from rsdeblur.report.drawings import bank_data, picture_uris, telling_place, thumbnail_uri, weight_map_uri
+from rsdeblur.report.figures import LEVELS, VERDICT_LEVELS, Finding, findings, motion_data
 
 STAGES = ("highlights", "tune", "align", "psfs", "plan", "apply", "rectify", "check")
 TIMES, NONE = "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
@@ -158,9 +157,6 @@ def render(page: Page) -> str:
     uris, scale = picture_uris(page.shown, page.picture.icc_profile if is_stored else None)
     height, width = next(iter(page.shown.values())).shape[:2]
     best, outcomes, modes = page.best, page.findings, page.report["modes"]
-    checks = {mode: facts["check"] for mode, facts in modes.items() if facts.get("check")}
-    ringings = {mode: check["ringings"] for mode, check in checks.items() if "ringings" in check}
-    bands = band_figures(page.shown, ringings, across=page.camera.horizontal_readout)
     banks = dict(page.banks) | ({"as recorded": page.recorded} if page.recorded else {})
     data = {
         "size": [width, height],
@@ -169,18 +165,16 @@ def render(page: Page) -> str:
         "motion": motion_data(page.log, page.camera, page.exposure),
         "best": best,
         "place": telling_place(next(iter(page.shown.values())), page.shown[best]),
-        "bands": bands,
     }
     warnings = sum(finding.level == "warning" for finding in outcomes)
     summary = f"{warnings or 'no'} warning{'s' * (warnings != 1)}"
-    badge = f"{escape(best)}: {_badge(modes[best])} · " if best in checks else ""
+    badge = f"{escape(best)}: {_badge(modes[best])} · " if modes[best].get("check") else ""
     main = Template(part("page.html")).substitute(
         viewer=part("page_viewer.html"),
         scale=_scale(scale, width, height),
         pictures="\n".join(_figure(label, uri) for label, uri in zip(page.shown, uris, strict=True)),
         frames=_frames(page),
         modes=_modes(page),
-        bands=_bands(bands, "columns" if page.camera.horizontal_readout else "rows"),
         findings="\n".join(map(_finding, outcomes)),
         settings="\n".join(_settings(title, rows) for title, rows in page.settings.items()),
         data=script_json(data),
@@ -278,18 +272,6 @@ def _frames(page: Page) -> str:
   </div>
 </section>
 """
-
-
-def _bands(bands: Mapping[str, Any], lines: str) -> str:
-    tables = []
-    titles = {"sharpness": f"Sharpness, {TIMES} the input's", "ringing": "Ringing, % of contrast"}
-    for name, title in titles.items():
-        rows = [
-            [f"{a} to {b - 1}", *(NONE if values[i] is None else f"{values[i]:.2f}" for values in bands[name].values())]
-            for i, (a, b) in enumerate(pairwise(bands["edges"]))
-        ]
-        tables.append(_table(title, [lines, *bands[name]], rows))
-    return "\n".join(tables)
 
 
 def _settings(title: str, rows: Mapping[str, str]) -> str:

@@ -1,4 +1,4 @@
-// Plots: the motion, and the figures of each band.
+// Plot of the motion.
 
 function svg(name, attributes, text) {
   const element = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -20,15 +20,8 @@ function ticks(low, high, count) {
 const scale = (from, to) => (value) => to[0] + ((value - from[0]) * (to[1] - to[0])) / (from[1] - from[0]);
 const path = (points) => points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(2)} ${y.toFixed(2)}`).join("");
 
-// Series differ in dashes or marks, not only in colour.
+// Series differ in dashes, not only in colour.
 const DASHES = ["none", "7 3", "2 3"];
-const MARKS = [
-  (x, y) => `M${x - 4} ${y}a4 4 0 1 0 8 0a4 4 0 1 0 -8 0`,
-  (x, y) => `M${x - 4} ${y - 4}h8v8h-8Z`,
-  (x, y) => `M${x} ${y - 5}L${x + 5} ${y + 4}H${x - 5}Z`,
-  (x, y) => `M${x} ${y - 5.5}L${x + 5.5} ${y}L${x} ${y + 5.5}L${x - 5.5} ${y}Z`,
-  (x, y) => `M${x - 5} ${y + 3.5}L${x} ${y - 5}L${x + 5} ${y + 3.5}L${x} ${y + 1}Z`,
-];
 
 function addLegend(list, names, draw) {
   names.forEach((name, i) => {
@@ -127,47 +120,4 @@ function startMotion() {
   new ResizeObserver(drawMotion).observe(holder);
 }
 
-const SERIES = 5;
-
-function drawBands(holder, title, figures) {
-  const wide = Math.max(holder.clientWidth, 240);
-  const [top, bottom] = [28, 260];
-  const drawing = svg("svg", { width: wide, height: bottom + 40 });
-  const values = Object.values(figures).flat().filter((value) => value !== null);
-  const domain = [0, 1.08 * values.reduce((a, b) => Math.max(a, b), 1e-3)];
-  const x = scale(domain, [LEFT, wide - 12]);
-  const y = scale([bands.edges[0], bands.edges.at(-1)], [top, bottom]);
-  axisBeside(drawing, y, ticks(bands.edges[0], bands.edges.at(-1), 5), LEFT, wide - 12);
-  axisBelow(drawing, x, domain, bottom, top, title);
-  drawing.append(svg("text", { class: "title", x: LEFT, y: 14 }, `${title}, by ${lineWord}`));
-  Object.values(figures).forEach((series, i) => {
-    const at = (k) => [x(series[k]), y((bands.edges[k] + bands.edges[k + 1]) / 2)];
-    const known = [...series.keys()].filter((k) => series[k] !== null);
-    // The line is interrupted at a band without a figure.
-    const line = known.map((k) => (k && series[k - 1] !== null ? path([at(k - 1), at(k)]) : "")).join("");
-    drawing.append(svg("path", { class: `s${i % SERIES}`, d: line }));
-    for (const point of known.map(at)) drawing.append(svg("path", { class: `s${i % SERIES} mark`, d: MARKS[i % SERIES](...point) }));
-  });
-  holder.replaceChildren(drawing);
-}
-
-function startBands() {
-  find("bands").hidden = false;
-  addLegend(find("bands-legend"), Object.keys(bands.sharpness), (i) => [
-    svg("path", { class: `s${i % SERIES}`, d: "M0 7H30" }),
-    svg("path", { class: `s${i % SERIES} mark`, d: MARKS[i % SERIES](15, 7) }),
-  ]);
-  for (const [title, figures] of [["sharpness, × the input's", bands.sharpness], ["ringing, %", bands.ringing]]) {
-    // Without a figure, or with zeros only, there is nothing to see.
-    if (!Object.values(figures).some((series) => series.some(Boolean))) continue;
-    const holder = document.createElement("div");
-    holder.className = "plot";
-    holder.setAttribute("role", "img");
-    holder.setAttribute("aria-label", `Chart of ${title} by ${lineWord}; the figures follow as tables`);
-    find("bands-charts").append(holder);
-    new ResizeObserver(() => drawBands(holder, title, figures)).observe(holder);
-  }
-}
-
 startMotion();
-startBands();

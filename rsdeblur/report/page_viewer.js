@@ -3,12 +3,12 @@
 
 const find = (id) => document.getElementById(id);
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
-let data, width, height, motion, bands, lineWord, sources, labels;
+let data, width, height, motion, lineWord, sources, labels;
 
 function load(content) {
   data = content;
   [width, height] = data.size;
-  ({ motion, bands } = data);
+  ({ motion } = data);
   lineWord = motion.axis === "y" ? "row" : "column";
   sources = new Map([...document.querySelectorAll("#sources img")].map((image) => [image.dataset.label, image]));
   labels = [...sources.keys()];

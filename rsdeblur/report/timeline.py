@@ -8,11 +8,10 @@ import numpy as np
 
 from rsdeblur.motion.triage import DECISIONS, Triage
 
-WIDE, TALL = 960, 360
-LEFT, RIGHT, TOP, BOTTOM = 56, 944, 34, 316
-# px: the axis is logarithmic and ends here; shorter paths are drawn at its lower end.
-LEAST, MOST = 0.1, 1000.0
-COLOURS = {"keep": "#2a9d5c", "deblur": "#2b7bba", "drop": "#c8443c", "unknown": "#8a8a8a"}
+# px: the plot's left, top, right and bottom in a drawing of 960 x 360 px.
+BOX = 56, 34, 944, 316
+LEAST = 0.1  # px, where the logarithmic axis starts; shorter paths are drawn there
+COLOURS: dict[str, str] = dict(zip(DECISIONS, ("#2a9d5c", "#2b7bba", "#c8443c", "#8a8a8a"), strict=True))
 STYLE = (
     "text{font:12px sans-serif;fill:#333}.ground{fill:#fff}.frame{fill:none;stroke:#999}.grid{stroke:#ddd}"
     ".limit{stroke:#333;stroke-dasharray:5 4}"
@@ -36,42 +35,38 @@ def timeline_svg(times: Sequence[float | None], triage: Triage) -> bytes:
     bytes
         An SVG file.
     """
-    known = triage.lengths[np.isfinite(triage.lengths)]
-    low, high = np.log10(LEAST), np.ceil(np.log10(np.clip(max([*known, 2 * triage.keep]), 1.0, MOST)))
-    known_times = [time for time in times if time is not None]
-    first, last = min(known_times, default=0.0), max(known_times, default=0.0)
-
-    def across(time: float) -> float:
-        return LEFT + (RIGHT - LEFT) * (time - first) / ((last - first) or 1.0)
+    left, top, right, bottom = BOX
+    lengths = np.nan_to_num(triage.lengths, nan=LEAST).clip(LEAST)
+    most = 10.0 ** np.ceil(np.log10(max([1.0, 2 * triage.keep, *lengths])))
+    known = [time for time in times if time is not None] or [0.0]
 
     def down(length: float) -> float:
-        share = (np.log10(np.clip(length, LEAST, 10.0**high)) - low) / (high - low)
-        return float(BOTTOM - (BOTTOM - TOP) * share)
+        return float(np.interp(np.log10(length), np.log10([LEAST, most]), [bottom, top]))
 
     def text(x: float, y: float, words: str, anchor: str = "start") -> str:
         return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{words}</text>'
 
     def line(kind: str, length: float) -> str:
-        return f'<line class="{kind}" x1="{LEFT}" x2="{RIGHT}" y1="{down(length):.1f}" y2="{down(length):.1f}"/>'
+        return f'<path class="{kind}" d="M{left} {down(length):.1f}H{right}"/>'
 
     def dot(x: float, y: float, r: float, decision: str) -> str:
         return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{r}" fill="{COLOURS[decision]}"/>'
 
     parts = [f"<style>{STYLE}</style>", '<rect class="ground" width="100%" height="100%"/>']
-    for tick in 10.0 ** np.arange(low, high + 1):
-        parts += [line("grid", tick), text(LEFT - 6, down(tick) + 4, f"{tick:g}", "end")]
+    for tick in 10.0 ** np.arange(np.log10(LEAST), np.log10(most) + 1):
+        parts += [line("grid", tick), text(left - 6, down(tick) + 4, f"{tick:g}", "end")]
     for limit, meaning in ((triage.keep, "keep up to"), (triage.drop, "drop above")):
-        if LEAST <= limit <= 10.0**high:
-            parts += [line("limit", limit), text(RIGHT - 6, down(limit) - 4, f"{meaning} {limit:g} px", "end")]
-    for time, length, decision in zip(times, triage.lengths, triage.decisions, strict=True):
+        if LEAST <= limit <= most:
+            parts += [line("limit", limit), text(right - 6, down(limit) - 4, f"{meaning} {limit:g} px", "end")]
+    for time, length, decision in zip(times, lengths, triage.decisions, strict=True):
         if time is not None:
-            parts.append(dot(across(time), down(LEAST if np.isnan(length) else length), 2.5, decision))
-    parts.append(f'<rect class="frame" x="{LEFT}" y="{TOP}" width="{RIGHT - LEFT}" height="{BOTTOM - TOP}"/>')
-    for time in dict.fromkeys((first, last)):
-        parts.append(text(across(time), BOTTOM + 16, f"{time:.4g}", "start" if time == first else "end"))
-    parts += [text(WIDE / 2, TALL - 10, "time, s", "middle"), text(8, 20, "longest path, px")]
+            x = left + (right - left) * (time - min(known)) / (max(known) - min(known) or 1.0)
+            parts.append(dot(x, down(length), 2.5, decision))
+    parts.append(f'<path class="frame" d="M{left} {top}H{right}V{bottom}H{left}Z"/>')
+    parts += [text(left, bottom + 16, f"{min(known):.4g}"), text(right, bottom + 16, f"{max(known):.4g}", "end")]
+    parts += [text((left + right) / 2, bottom + 34, "time, s", "middle"), text(8, 20, "longest path, px")]
     for i, decision in enumerate(DECISIONS):
-        label = f"{decision}: {triage.counts[decision]}"
-        parts += [dot(LEFT + 140 + 130 * i, 16, 4, decision), text(LEFT + 150 + 130 * i, 20, label)]
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE} {TALL}" width="100%">'
+        x, label = left + 140 + 130 * i, f"{decision}: {triage.counts[decision]}"
+        parts += [dot(x, 16, 4, decision), text(x + 10, 20, label)]
+    head = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 960 360" width="100%">'
     return f"{head}{''.join(parts)}</svg>\n".encode()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,9 +12,9 @@ import pytest
 from click.testing import Result
 from numpy.typing import NDArray
 
-from rsdeblur import Camera, Exposure, GyroLog, hand_shake, scene, simulate_clip, write_picture
+from rsdeblur import Camera, Exposure, hand_shake, scene, simulate_clip, write_picture
 from rsdeblur.calibration import Calibration, Estimate
-from tests.installed import needs
+from tests.cli.clips import write_clip
 
 Run = Callable[..., Result]
 
@@ -96,28 +95,15 @@ def test_usage(run: Run, film: Film, tmp_path):
         assert (result.exit_code, message in result.stderr) == (code, True), result.stderr
 
 
-class Given(NamedTuple):
-    """What the command passes on."""
-
-    pictures: list[NDArray[np.uint8]]
-    exposures: list[Exposure]
-    log: GyroLog
-    start: Camera
-    search: tuple[float, float]
-
-
 @pytest.fixture
-def given(monkeypatch) -> list[Given]:
-    """Let photos be calibrated at once, and return what was given."""
+def given(monkeypatch) -> list[tuple]:
+    """Let photos be calibrated at once; return the pictures, the starts of their exposures (s) and the search."""
     calls = []
 
-    def found(pictures, exposures, log, camera, *, search, progress):
-        calls.append(Given(list(pictures), exposures, log, camera, search))
-        values = {
-            "time_offset": Estimate(0.002, 0.001, "s"),
-            "focal_length": Estimate(200.0, None, "px"),
-            "readout_time": Estimate(0.02, None, "s"),
-        }
+    def found(pictures, exposures, *_, search=(-0.03, 0.03), progress):
+        calls.append((list(pictures), [each.start + 1e-9 * each.epoch_ns for each in exposures], search))
+        values = {"time_offset": Estimate(0.002, 0.001, "s"), "focal_length": Estimate(200.0, None, "px")}
+        values["readout_time"] = Estimate(0.02, None, "s")
         return Calibration(True, "", TRUTH, confidence=0.99, mounting="XYZ", values=values, photos=len(exposures))
 
     monkeypatch.setattr("rsdeblur.calibration.photos.calibrate_photos", found)
@@ -131,12 +117,11 @@ def test_photos_that_are_no_burst_give_their_blur(run: Run, film: Film, given, t
     assert result.exit_code == 0, result.output
     assert "4 photos" in result.stdout
     assert Camera.load(output).time_offset == TRUTH.time_offset
-    call = given[0]
-    assert all(np.array_equal(*pair) for pair in zip(call.pictures, film.pictures[2:6], strict=True))
+    pictures, starts, search = given[0]
+    np.testing.assert_array_equal(pictures, film.pictures[2:6])
     # --index 3 is the fourth line, and the file has one line more at the start.
-    starts = [each.start + 1e-9 * each.epoch_ns for each in call.exposures]
     assert starts == pytest.approx([6.0 + i / RATE for i in range(2, 6)], abs=1e-6)
-    assert call.search == (-0.03, 0.05)
+    assert search == (-0.03, 0.05)
 
 
 def test_photos_are_found_by_their_names(run: Run, film: Film, given, tmp_path):
@@ -147,8 +132,7 @@ def test_photos_are_found_by_their_names(run: Run, film: Film, given, tmp_path):
         write_picture(photo, film.pictures[number])
     options = ("--gyro", film.gyro, "--capture", film.capture, "-o", tmp_path / "camera.toml")
     assert run("calibrate", *photos, *options).exit_code == 0
-    starts = [each.start + 1e-9 * each.epoch_ns for each in given[0].exposures]
-    assert starts == pytest.approx([1e-9 * timestamp for timestamp in timestamps], abs=1e-6)
+    assert given[0][1] == pytest.approx([1e-9 * timestamp for timestamp in timestamps], abs=1e-6)
     unnamed = [photo.rename(photo.with_name(f"{name}.png")) for photo, name in zip(photos, "abc", strict=True)]
     result = run("calibrate", *unnamed, *options, "--force")
     assert result.exit_code == 1
@@ -156,29 +140,15 @@ def test_photos_are_found_by_their_names(run: Run, film: Film, given, tmp_path):
     assert result.stderr.count(str(unnamed[0])) == 1
 
 
-def write_clip(path: Path, pictures: list[NDArray[np.uint8]]) -> Path:
-    av = needs("video")
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=RATE, options={"crf": "4"})
-        stream.width, stream.height, stream.pix_fmt = 176, 128, "yuv444p"
-        stream.codec_context.time_base = Fraction(1, RATE)
-        for i, picture in enumerate(pictures):
-            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
-            frame.pts = i
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
-    return path
-
-
 def test_a_video(run: Run, film: Film, tmp_path):
-    path = write_clip(tmp_path / "clip.mp4", film.pictures)
+    path = write_clip(tmp_path / "clip.mp4", film.pictures, pixels="yuv444p")
     output = tmp_path / "camera.toml"
     start = tmp_path / "start.toml"
     # The log starts at 5 s, so the first frame is 6 s on its clock; the search is around the start's offset.
     Camera(176, 128, 170.0, time_offset=0.3).save(start)
     options = ("--gyro", film.gyro, "--camera", start, "--start", 6.0, "--duration", DURATION, "-o", output, "--json")
     assert "--index is for photos" in run("calibrate", path, *options, "--index", 1).stderr
-    short = write_clip(tmp_path / "short.mp4", film.pictures[:8])
+    short = write_clip(tmp_path / "short.mp4", film.pictures[:8], pixels="yuv444p")
     assert f"{short}: the clip has 8 frames; at least 9 are needed" in run("calibrate", short, *options).stderr
     result = run("calibrate", path, *options, "--from", "-400ms", "--to", "100ms")
     assert result.exit_code == 0, result.stderr

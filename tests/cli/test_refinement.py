@@ -13,7 +13,7 @@ from PIL import Image
 from rsdeblur import Camera, Correction, Exposure, read_camera, read_gyro
 from rsdeblur.estimate import Refinement
 from rsdeblur.motion.axes import imu_to_camera
-from tests.installed import needs
+from tests.cli.clips import write_clip
 
 
 @pytest.fixture
@@ -103,15 +103,8 @@ def test_gravity_names_wrong_axes_which_are_not_refined(
 def test_gravity_names_wrong_axes_of_a_video(
     run, tmp_path: Path, rotation: int, force: list[float], preset: str, side: str | None
 ) -> None:
-    av, clip = needs("video"), tmp_path / "clip.mp4"
     noise = np.random.default_rng(0).integers(60, 200, (48, 64, 3)).astype(np.uint8)
-    with av.open(str(clip), "w") as container:
-        stream = container.add_stream("libx264", rate=30)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        stream.set_display_rotation(rotation)
-        for _ in range(8):
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(noise, format="rgb24")))
-        container.mux(stream.encode())
+    clip = write_clip(tmp_path / "clip.mp4", [noise] * 8, turn=rotation)
     t = np.arange(0.0, 1.0, 0.005)
     write_log(tmp_path / "gyro.csv", np.column_stack([t, np.sin(20 * t), 0.5 * np.cos(9 * t), 0 * t]), force)
     Camera(64, 48, 70.0, readout_time=0.01, imu_to_camera=preset).save(tmp_path / "camera.toml")

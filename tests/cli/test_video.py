@@ -19,6 +19,7 @@ from rsdeblur.estimate import Refinement
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
+from tests.cli.clips import write_clip
 from tests.installed import needs
 
 av = needs("video")
@@ -28,7 +29,6 @@ Run = Callable[..., Result]
 WIDTH, HEIGHT, FRAMES = 112, 80, 10
 TICK = Fraction(1, 90000)
 START, DURATION = 0.05, 1 / 30  # s
-BT709 = 1
 # Uneven intervals between frames, like those of a phone in poor light.
 TIMESTAMPS = [3000 * i + 700 * (i % 3) for i in range(FRAMES)]
 
@@ -76,29 +76,8 @@ def movie(tmp_path_factory: pytest.TempPathFactory) -> Movie:
 
 def write(path: Path, pictures: list[NDArray[np.float32]], *, tagged: bool = True, pixels: str = "yuv420p") -> None:
     """Encode display values as H.264, with sound."""
-    with av.open(str(path), "w") as container:
-        pictured = container.add_stream("libx264", rate=30, options={"crf": "4", "preset": "ultrafast"})
-        pictured.width, pictured.height, pictured.pix_fmt = WIDTH, HEIGHT, pixels
-        context = pictured.codec_context
-        context.time_base, context.gop_size, context.max_b_frames = TICK, 4, 2
-        context.color_range = 2 if pixels == "yuvj420p" else 1
-        if tagged:
-            context.colorspace = context.color_primaries = context.color_trc = BT709
-            pictured.set_display_rotation(-90)
-        sound = container.add_stream("aac", rate=48000)
-        for picture, timestamp in zip(pictures, TIMESTAMPS, strict=True):
-            frame = av.VideoFrame.from_ndarray(np.rint(65535 * picture).astype(np.uint16), format="rgb48le")
-            space = {"dst_colorspace": BT709} if tagged else {}
-            frame = frame.reformat(format=pixels, dst_color_range=int(context.color_range), **space)
-            frame.pts, frame.time_base = timestamp, TICK
-            container.mux(pictured.encode(frame))
-        for i in range(15):
-            wave = np.sin(np.arange(1024 * i, 1024 * (i + 1)) / 20).astype(np.float32)[None]
-            samples = av.AudioFrame.from_ndarray(0.1 * wave, format="fltp", layout="mono")
-            samples.sample_rate, samples.pts = 48000, 1024 * i
-            container.mux(sound.encode(samples))
-        container.mux(pictured.encode())
-        container.mux(sound.encode())
+    facts = {"tagged": tagged, "turn": -90 if tagged else 0, "max_b_frames": 2}
+    write_clip(path, pictures, pixels=pixels, tick=TICK, times=TIMESTAMPS, sound=True, **facts)
 
 
 class Seen(NamedTuple):
@@ -150,13 +129,6 @@ def test_frames_get_sharper_and_all_else_is_kept(
     assert len(after.sound) > 10
     # Measured 1.2 dB: 4:2:0 stores only a quarter of the colour samples.
     assert similarity(after.pictures, movie.truth) > similarity(before.pictures, movie.truth) + 0.8
-
-
-def test_windows_follow_the_frames_own_timestamps(run: Run, movie: Movie, tmp_path: Path) -> None:
-    # Half an exposure off, the result is no better than the input.
-    out, wrong = tmp_path / "wrong.mp4", ("--start", START + 0.015, "--duration", DURATION)
-    assert run(*movie.arguments(*wrong, *STRENGTHS, "-o", out)).exit_code == 0
-    assert similarity(seen(out).pictures, movie.truth) < similarity(seen(movie.path).pictures, movie.truth)
 
 
 def test_captures_give_the_exposure_of_each_frame(run: Run, movie: Movie, tmp_path: Path) -> None:
@@ -251,7 +223,6 @@ def test_frames_together_correct_the_recording(
         (("-o", "x.mp4"), 2, "the exposure time is not given"),
         (("-o", "x.mp4", "--duration", "0.01", "--start", "1", "--start-ns", "1"), 2, "exclude each other"),
         (("-o", "x.mp4", "--duration", "0.01", "--saturation", "always"), 2, "No such option"),
-        (("-o", "x.mp4", "--duration", "0.01", "--normalize"), 2, "No such option"),
         (("-o", "x.mp4", "--duration", "0.01", "--codec", "aac"), 1, "no video encoder called 'aac'"),
     ],
 )

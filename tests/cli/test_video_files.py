@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 from collections.abc import Callable
 from fractions import Fraction
@@ -14,9 +13,10 @@ import pytest
 from click.testing import Result
 from PIL import Image
 
-import rsdeblur
 from rsdeblur import Camera, Exposure, GyroLog, Options
 from rsdeblur.errors import FileFormatError, InputError
+from tests.cli.clips import write_clip
+from tests.cli.test_errors import refused
 from tests.installed import needs
 
 av = needs("video")
@@ -33,19 +33,9 @@ RATES = np.column_stack([np.sin(20 * TIMES), 0.5 * np.cos(9 * TIMES), 0 * TIMES]
 CAMERA = Camera(WIDTH, HEIGHT, 70.0, readout_time=0.01)
 
 
-def write(path: Path, *, count: int = FRAMES, codec: str = "libx264", aspect: Fraction | None = None) -> None:
-    """Write a video whose frames get brighter, with key frames 4 apart."""
-    with av.open(f"file:{path}", "w") as container:
-        stream = container.add_stream(codec, rate=30)
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
-        stream.codec_context.gop_size, stream.codec_context.max_b_frames = 4, 2 if codec == "libx264" else 0
-        if aspect is not None:
-            stream.codec_context.sample_aspect_ratio = aspect
-        for i in range(count):
-            frame = av.VideoFrame.from_ndarray(np.full((HEIGHT, WIDTH, 3), 50 + 4 * i, np.uint8), format="rgb24")
-            frame.pts = i
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
+def write(path: Path, *, count: int = FRAMES, **facts: object) -> None:
+    """Write a video whose frames get brighter."""
+    write_clip(path, [np.full((HEIGHT, WIDTH, 3), 50 + 4 * i, np.uint8) for i in range(count)], max_b_frames=2, **facts)
 
 
 @pytest.fixture
@@ -63,15 +53,6 @@ def clip(tmp_path: Path) -> Path:
     """Write the video."""
     write(tmp_path / "clip.mp4")
     return tmp_path / "clip.mp4"
-
-
-def refused(result: Result, *words: object) -> None:
-    """Check that a command ended with one line of error that contains `words`."""
-    assert result.exit_code == 1, result.output
-    errors = result.stderr.splitlines()
-    assert len(errors) == 1, result.stderr
-    for word in words:
-        assert str(word) in errors[0]
 
 
 def test_a_frame_that_cannot_be_deblurred_is_named_and_leaves_no_file(
@@ -148,15 +129,6 @@ def test_names_are_no_addresses(
     assert len(open_clip("10:30.mp4")) == FRAMES
 
 
-def test_files_are_named_for_ffmpeg_in_one_place() -> None:
-    """Else a name could be an address again: a call reads the arguments of `_util.ffmpeg`, or writes."""
-    modules = Path(rsdeblur.__file__).parent.rglob("*.py")
-    calls = [call for module in modules for call in re.findall(r"\bav\.open\(.*", module.read_text("utf-8"))]
-    reading = [call for call in calls if '"w"' not in call]
-    assert reading
-    assert all(call.startswith("av.open(**ffmpeg.existing(") for call in reading)
-
-
 NO_VIDEOS: dict[str, tuple[Callable[[Path], object], str]] = {
     "m3u8": (
         lambda path: path.write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:1,\n{path.parent}/clip.mp4\n"),
@@ -200,7 +172,7 @@ def test_pixels_that_are_not_square_stay_so(
     run: Run, recording: list[object], tmp_path: Path, source: str, target: str, codec: str
 ) -> None:
     path, out = tmp_path / f"a.{source}", tmp_path / f"o.{target}"
-    write(path, aspect=Fraction(4, 3))
+    write(path, sample_aspect_ratio=Fraction(4, 3))
     result = run("video", path, *recording, "--codec", codec, "-o", out)
     assert result.exit_code == 0
     is_kept = open_clip(out).aspect == open_clip(path).aspect == Fraction(4, 3)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rsdeblur import Camera, Exposure, GyroLog, InputError
 from rsdeblur.choices import VERDICTS
 from rsdeblur.simulation.scene import scene
+from tests.cli.clips import write_clip
 from tests.installed import needs
 
 av = needs("video")
@@ -33,23 +34,10 @@ GPMF = [b"DEVC" + bytes([i] * 12) for i in range(FRAMES)]
 
 
 def write(path: Path, codec: str, pixels: str) -> None:
-    """Write a video of still noise, with motion data if it is an MP4."""
-    values = (scene(64, 64, seed=1)[:HEIGHT] * 65535).astype(np.uint16)
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream(codec, rate=10)
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, pixels
-        stream.codec_context.max_b_frames = 0
-        data = container.add_data_stream("bin_data") if path.suffix == ".mp4" else None
-        for i in range(FRAMES):
-            frame = av.VideoFrame.from_ndarray(values, format="rgb48le").reformat(format=pixels)
-            frame.pts, frame.time_base = i, Fraction(1, 10)
-            container.mux(stream.encode(frame))
-            if data is not None:
-                packet = av.Packet(GPMF[i])
-                packet.stream, packet.pts, packet.dts, packet.duration = data, i, i, 1
-                packet.time_base = Fraction(1, 10)
-                container.mux(packet)
-        container.mux(stream.encode())
+    """Write a video of a still scene, with motion data if it is an MP4."""
+    picture = scene(64, 64, seed=1)[:HEIGHT]
+    data = GPMF if path.suffix == ".mp4" else ()
+    write_clip(path, [picture] * FRAMES, codec=codec, pixels=pixels, rate=10, data=data, max_b_frames=0)
 
 
 @pytest.fixture

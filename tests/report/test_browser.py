@@ -228,8 +228,7 @@ def test_light_and_dark_and_narrow(show) -> None:
         tab = show(size=(360, 640), color_scheme=scheme)
         grounds.append(tab.evaluate("getComputedStyle(document.body).backgroundColor"))
         assert tab.evaluate("document.documentElement.scrollWidth") <= 360
-        # Rates, and the ringing of bands; pictures of one colour have no sharpness to draw.
-        assert tab.locator(".plot svg").count() == 2
+        assert tab.locator(".plot svg").count() == 1
     assert len(set(grounds)) == 2
 
 
@@ -240,7 +239,7 @@ def test_everything_is_reached_by_tab(show) -> None:
         tab.keyboard.press("Tab")
         reached.append(tab.evaluate("document.activeElement.id || document.activeElement.tagName"))
     controls = ["left", "swap", "right", "layout", "bank", "true-size", "zoom-out", "zoom-in", "fit", "one", "stage"]
-    for control in [*controls, "divider", "line", "SUMMARY"]:
+    for control in [*controls, "divider", "line"]:
         assert control in reached
 
 
