@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rsdeblur.burst.fit import Expected, FrameFit, fit_frame
+from rsdeblur.burst.fit import FrameFit, fit_frame
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.strength import Tuning
@@ -203,9 +203,13 @@ class BurstFrame:
         energies = [float(np.square(bank.kernels).sum(axis=(2, 3)).mean()) for bank in (other, own)]
         noises = [frame.grey_noise**2 for frame in (self, reference)]
         errors = self.tuning.path_error + reference.tuning.path_error
-        blur = (self.tuning.radius**2 + reference.tuning.radius**2) / self.factor**2
-        expected = Expected(float(np.dot(energies, noises)), errors / self.factor**2, blur)
-        return fit_frame(blurred, equal, known, expected)
+        blur = self.tuning.radius**2 + reference.tuning.radius**2
+        return fit_frame(
+            *(blurred, equal, known),
+            noise=float(np.dot(energies, noises)),
+            path_error=errors / self.factor**2,
+            blur=blur / self.factor**2,
+        )
 
 
 def _interpolated(values: Float32Array, rows: FloatArray, cols: FloatArray) -> Float32Array:
