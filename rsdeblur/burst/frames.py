@@ -187,10 +187,8 @@ class BurstFrame:
         shape = self.grey.shape
         x, y = self._reduced_places()
         seen = self._shows(x, y).astype(np.float32)
-        factor, spline = np.float32(self.factor), self.grey[..., None].copy()
-        across, down = ((places - (factor - 1) / 2) / factor for places in (x, y))
-        to_spline(spline, threads=1)
-        resampled = sample(spline, across.clip(0, shape[1] - 1), down.clip(0, shape[0] - 1), threads=1)[..., 0]
+        at = [(places - (self.factor - 1) / 2) / self.factor for places in (y, x)]
+        resampled = ndimage.map_coordinates(self.grey, at, order=3, mode="nearest", output=np.float32)
         # Blur mixes pixels with what lies beyond the frame: only the rest can be compared.
         tall, wide = (a + b - 1 for a, b in zip(own.size, other.size, strict=True))
         known = ndimage.minimum_filter(seen, (tall, wide), mode="constant", cval=0.0)

@@ -41,20 +41,8 @@ TITLES = (
 AUTHORS = ("ARNOLD", "BELL", "CORTEZ", "DUVAL", "ERIKSEN", "FONTANA", "GREY", "HOLM", "IVANOVA", "JANSEN", "KIM", "LO")
 
 
-class Canvas(NamedTuple):
-    """The enlarged drawing and the means to draw.
-
-    Parameters
-    ----------
-    image : Image
-        The drawing, in subpixels.
-    pen : ImageDraw
-        Pen of the drawing.
-    unit : float
-        Unit of length, the height of the drawing, in subpixels.
-    random : Generator
-        Generator of random numbers.
-    """
+class _Canvas(NamedTuple):
+    """The drawing in subpixels, its pen, its height as the unit of length, and a generator of random numbers."""
 
     image: Image.Image
     pen: ImageDraw.ImageDraw
@@ -98,7 +86,7 @@ def scene(height: int, width: int, *, seed: int = 0) -> FloatImage:
         raise InputError(f"a scene has at most {MOST_PIXELS} pixels, got {height} x {width}")
     random = np.random.default_rng(validate.count("seed", seed, minimum=0))
     image = Image.new("RGB", (width * SUBPIXELS, height * SUBPIXELS), WALL)
-    canvas = Canvas(image, ImageDraw.Draw(image), float(height * SUBPIXELS), random)
+    canvas = _Canvas(image, ImageDraw.Draw(image), float(height * SUBPIXELS), random)
     for top, bottom in ((-0.16, 0.28), (0.32, 0.635), (0.675, 0.955)):
         _shelf(canvas, top, bottom)
     _still_life(canvas)
@@ -108,7 +96,7 @@ def scene(height: int, width: int, *, seed: int = 0) -> FloatImage:
     return np.clip(light, 0.0, 1.0, out=light)
 
 
-def _shelf(canvas: Canvas, top: float, bottom: float) -> None:
+def _shelf(canvas: _Canvas, top: float, bottom: float) -> None:
     """Draw a board, whose upper edge is at `bottom`, with books on it; heights are fractions of the picture's."""
     image, pen, unit, random = canvas
     floor = round(bottom * unit)
@@ -131,7 +119,7 @@ def _shelf(canvas: Canvas, top: float, bottom: float) -> None:
             x += wide + random.choice((0.0, 0.0, 0.002, 0.02), p=(0.5, 0.2, 0.2, 0.1)) * unit
 
 
-def _book(canvas: Canvas, wide: int, tall: int) -> Image.Image:
+def _book(canvas: _Canvas, wide: int, tall: int) -> Image.Image:
     """Return one spine: cloth with shading, printed bands, a title along it and an author across it."""
     random = canvas.random
     cloth = np.array(getrgb(CLOTH[random.integers(len(CLOTH))])) * random.uniform(0.85, 1.1)
@@ -170,7 +158,7 @@ def _fitted(text: str, wide: int, tall: int, colour: str) -> Image.Image:
     return strip
 
 
-def _grain(canvas: Canvas, box: Box) -> None:
+def _grain(canvas: _Canvas, box: Box) -> None:
     """Draw wavy lines of darker and lighter wood."""
     left, top, right, bottom = box
     x = np.linspace(left, right, 200)
@@ -182,7 +170,7 @@ def _grain(canvas: Canvas, box: Box) -> None:
         canvas.pen.line(points, fill=colour, width=max(round(0.0015 * canvas.unit), 1))
 
 
-def _still_life(canvas: Canvas) -> None:
+def _still_life(canvas: _Canvas) -> None:
     """Draw a framed Siemens star, a page of fine print, a chart of bars and a glazed ball in front of the books."""
     unit, across = canvas.unit, canvas.image.width
     star = _card(canvas, (0.06 * across, 0.375 * unit), (0.25 * unit, 0.25 * unit))
@@ -194,7 +182,7 @@ def _still_life(canvas: Canvas) -> None:
     _ball(canvas, (0.8 * across, 0.635 * unit), 0.07 * unit)
 
 
-def _card(canvas: Canvas, corner: tuple[float, float], size: tuple[float, float]) -> Box:
+def _card(canvas: _Canvas, corner: tuple[float, float], size: tuple[float, float]) -> Box:
     """Draw a framed sheet of paper and return the box inside its frame."""
     left, top = map(round, corner)
     right, bottom = left + round(size[0]), top + round(size[1])
@@ -208,7 +196,7 @@ def _card(canvas: Canvas, corner: tuple[float, float], size: tuple[float, float]
     return box
 
 
-def _siemens_star(canvas: Canvas, box: Box) -> None:
+def _siemens_star(canvas: _Canvas, box: Box) -> None:
     spokes = 36
     left, top, right, bottom = box
     x, y = (left + right) / 2, (top + bottom) / 2
@@ -219,7 +207,7 @@ def _siemens_star(canvas: Canvas, box: Box) -> None:
         canvas.pen.pieslice(disc, spoke * step, (spoke + 0.5) * step, fill=INK)
 
 
-def _fine_print(canvas: Canvas, box: Box) -> None:
+def _fine_print(canvas: _Canvas, box: Box) -> None:
     """Fill `box` with lines of text of decreasing size."""
     left, top, right, bottom = box
     size = 0.15 * (bottom - top)
@@ -234,7 +222,7 @@ def _fine_print(canvas: Canvas, box: Box) -> None:
         size *= 0.86
 
 
-def _line_pairs(canvas: Canvas, box: Box) -> None:
+def _line_pairs(canvas: _Canvas, box: Box) -> None:
     """Fill `box` with rows of vertical bars, each row finer than the last, and patches of colour below."""
     left, top, right, bottom = box
     wide, tall = right - left, bottom - top
@@ -249,7 +237,7 @@ def _line_pairs(canvas: Canvas, box: Box) -> None:
         canvas.pen.rectangle((x, top + 0.77 * tall, x + 0.15 * wide, top + 0.94 * tall), fill=colour)
 
 
-def _ball(canvas: Canvas, foot: tuple[float, float], radius: float) -> None:
+def _ball(canvas: _Canvas, foot: tuple[float, float], radius: float) -> None:
     """Draw a glazed ball, a smooth gradient with two highlights, whose lowest point is at `foot`."""
     size = round(2 * radius)
     y, x = np.mgrid[-1.0 : 1.0 : size * 1j, -1.0 : 1.0 : size * 1j]

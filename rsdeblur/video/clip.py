@@ -268,7 +268,6 @@ def exposures_from_timestamps(
         Exposure time in s, one for all frames or one for each.
     start, epoch_ns
         Timestamp of the first frame, see :class:`rsdeblur.Exposure`.
-
     """
     durations = duration if isinstance(duration, Iterable) else [duration] * len(clip)
     return [Exposure(start + time, each, epoch_ns) for time, each in zip(clip.times, durations, strict=False)]
