@@ -44,6 +44,8 @@ OPTIONS = {
     "libvpx-vp9": {"b": "0", "deadline": "good", "cpu-used": "3", "auto-alt-ref": "0", "lag-in-frames": "0"},
     "libsvtav1": {"preset": "8", "svtav1-params": "pred-struct=1"},
 }
+# Frames whose time is taken to estimate that of all: the start of the encoder counts little among several.
+TRIAL = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +252,7 @@ def deblur_video(
 
 
 def estimated_seconds(plan: ClipPlan, encoding: Encoding, *, jobs: int = 1) -> float:
-    """Estimate how long :func:`deblur_video` takes, in s, from a trial with the most blurred frame that writes no file.
+    """Estimate how long :func:`deblur_video` takes, in s, from a trial with a few frames that writes no file.
 
     Parameters
     ----------
@@ -261,17 +263,19 @@ def estimated_seconds(plan: ClipPlan, encoding: Encoding, *, jobs: int = 1) -> f
     jobs : int, default 1
         Frames that are deblurred at a time.
     """
-    clip, number = plan.clip, plan.lengths.index(plan.largest)
-    (frame,) = frames(clip, number, number + 1)
-    seconds = []
+    clip, seconds = plan.clip, []
+    first = min(plan.lengths.index(plan.largest), max(0, len(clip) - TRIAL))
+    some = list(frames(clip, first, min(first + TRIAL, len(clip))))
     # The first trial loads compiled code.
-    for trial in (plan, plan, replace(plan, shares=(0.0,) * len(clip))):
+    for share in (1.0, 1.0, 0.0):
+        trial = replace(plan, shares=tuple(share if reason is None else 0.0 for reason in plan.reasons))
         begin = time.perf_counter()
         with reading(clip.path) as source, av.open(BytesIO(), "w", format="matroska") as container:
             stream = _add_pictures(source, container, clip, encoding)
-            container.mux(stream.encode(_restored(trial, number, frame, encoding.pixels)))
+            for number, frame in enumerate(some, first):
+                container.mux(stream.encode(_restored(trial, number, frame, encoding.pixels)))
             container.mux(stream.encode())
-        seconds.append(time.perf_counter() - begin)
+        seconds.append((time.perf_counter() - begin) / len(some))
     _, treated, untouched = seconds
     return (plan.treated * treated + (len(clip) - plan.treated) * untouched) / jobs
 
