@@ -193,8 +193,8 @@ def _share(
             work(thread, task)
 
     try:
-        for thread in range(1, min(threads, len(tasks)) if pool else 1):
-            runs.append(pool.submit(run, thread))
+        if pool is not None:
+            runs.extend(pool.submit(run, thread) for thread in range(1, min(threads, len(tasks))))
         # The calling thread works, too: it need not wait until another one has started.
         run(0)
         for each in runs:

@@ -131,10 +131,12 @@ def simulate(
         log, frame, (float(opens.min()), float(closes.max())), exposure.epoch_ns, frame.translation(translation)
     )
     if validate.is_auto(samples):
-        samples = max(LEAST_SAMPLES, int(np.ceil(SAMPLES_PER_PIXEL * path.longest(opens, closes))))
+        count = max(LEAST_SAMPLES, int(np.ceil(SAMPLES_PER_PIXEL * path.longest(opens, closes))))
+    else:
+        count = validate.count("samples", samples, maximum=MOST_WARPS)
     plane = Plane(scene, path)
     reference = float(middle.mean())
-    blurred, rolling = (plane.picture(at, reference) for at in (row_times(opens, closes, samples), middle[:, None]))
+    blurred, rolling = (plane.picture(at, reference) for at in (row_times(opens, closes, count), middle[:, None]))
     blurred = blurred + random.normal(0.0, noise, blurred.shape).astype(np.float32)
     left, top = plane.corner
     rectified = np.ascontiguousarray(scene[top : top + camera.height, left : left + camera.width])
@@ -158,7 +160,6 @@ def linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[n
 
 def row_times(opens: FloatArray, closes: FloatArray, samples: int) -> FloatArray:
     """Return the middles of `samples` equal parts of the exposure of each row, shape (H, samples), s."""
-    samples = validate.count("samples", samples)
     if samples * len(opens) > MOST_WARPS:
         raise InputError(f"the blur takes {samples} warps for each row; {MOST_WARPS // len(opens)} are possible")
     times: FloatArray = opens[:, None] + (closes - opens)[:, None] * (np.arange(samples) + 0.5) / samples

@@ -19,7 +19,8 @@ SHAPE = 200, 1200
 
 @pytest.fixture(scope="module")
 def bank() -> PsfBank:
-    capture = Capture.from_log(hand_shake(0.5, seed=4), Camera(1200, 200, 1300.0, readout_time=0.02), Exposure(0.1, 0.02))
+    camera = Camera(1200, 200, 1300.0, readout_time=0.02)
+    capture = Capture.from_log(hand_shake(0.5, seed=4), camera, Exposure(0.1, 0.02))
     return PsfBank.from_paths(BlurPaths.from_capture(capture, tile_centres(4, 200), tile_centres(3, 1200)))
 
 
