@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import os
 import secrets
@@ -16,8 +15,6 @@ from typing import BinaryIO
 from rsdeblur._util.files import checked_path
 from rsdeblur.errors import OutputError
 
-# Bytes written at a time where a file system cannot reserve space.
-BLOCK = 2**20
 # Advice where a file exists, in the words of the command line.
 REPLACE = "use force (--force) to replace it, or give another name"
 
@@ -84,7 +81,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 
 def reserve(file: BinaryIO) -> None:
-    """Take the disk space for the holes of an open file, which its memory map would otherwise take one by one.
+    """Take the disk space for the holes of an open file, where the system can; its memory map takes it piece by piece.
 
     A full disk is an error here; for a process that writes through the map it is a fatal signal.
 
@@ -94,21 +91,8 @@ def reserve(file: BinaryIO) -> None:
         If the disk is full.
     """
     file.flush()
-    size = os.fstat(file.fileno()).st_size
-    if hasattr(os, "posix_fallocate"):
-        try:
-            os.posix_fallocate(file.fileno(), 0, size)
-            return
-        except OSError as error:
-            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
-                raise
-    # macOS and some file systems do not have it: the same bytes are written again.
-    for start in range(0, size, BLOCK):
-        file.seek(start)
-        block = file.read(BLOCK)
-        file.seek(start)
-        file.write(block)
-    file.flush()
+    if hasattr(os, "posix_fallocate"):  # not on macOS and Windows
+        os.posix_fallocate(file.fileno(), 0, os.fstat(file.fileno()).st_size)
 
 
 def remove_unfinished(path: str | os.PathLike[str]) -> None:

@@ -7,7 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any, TypeVar
 from weakref import WeakSet
 
@@ -91,11 +91,7 @@ class ThreadTeam:
         Each thread takes the next task that is left. Threads are numbered from 0, the calling one; there are never more
         than tasks.
         """
-        if self._pool is None:
-            for task in tasks:
-                work(0, task)
-        else:
-            _share(self._pool, self.threads, work, tasks)
+        _share(self._pool, self.threads, work, tasks)
 
 
 def share(work: Callable[[int, int], None], tasks: Sequence[int], threads: int | None) -> None:
@@ -111,11 +107,7 @@ def share(work: Callable[[int, int], None], tasks: Sequence[int], threads: int |
         Number of threads; None means all processors.
     """
     threads = min(thread_count(threads), len(tasks))
-    if threads <= 1:
-        for task in tasks:
-            work(0, task)
-        return
-    with _pool(threads) as pool:
+    with _pool(threads) if threads > 1 else nullcontext() as pool:
         _share(pool, threads, work, tasks)
 
 
@@ -186,7 +178,9 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads - 1, thread_name_prefix="rsdeblur")
 
 
-def _share(pool: ThreadPoolExecutor, threads: int, work: Callable[[int, int], None], tasks: Sequence[int]) -> None:
+def _share(
+    pool: ThreadPoolExecutor | None, threads: int, work: Callable[[int, int], None], tasks: Sequence[int]
+) -> None:
     left, lock = iter(tasks), threading.Lock()
     runs: list[Future[None]] = []
 
@@ -199,8 +193,8 @@ def _share(pool: ThreadPoolExecutor, threads: int, work: Callable[[int, int], No
             work(thread, task)
 
     try:
-        for thread in range(1, min(threads, len(tasks))):
-            runs.append(pool.submit(run, thread))
+        if pool is not None:
+            runs.extend(pool.submit(run, thread) for thread in range(1, min(threads, len(tasks))))
         # The calling thread works, too: it need not wait until another one has started.
         run(0)
         for each in runs:

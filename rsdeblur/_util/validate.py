@@ -19,8 +19,9 @@ from rsdeblur.types import FloatArray
 MOST_LIGHT = 1e12
 # s; times of float64 are exact to 0.1 ms up to here.
 MOST_SECONDS = 1e12
-# Range of `nsr` and `weight`. Penalties are up to 10^9 times a weight, and their products are within float32.
-LEAST_STRENGTH, MOST_STRENGTH = 1e-20, 1e20
+# Largest `nsr`, `weight` and inverse of both. Penalties are up to 10^9 times a weight, and their products are within
+# float32.
+MOST_STRENGTH = 1e20
 
 # Memory that intermediate results may take, in bytes: twenty times what automatic choices need for a photo of 12
 # megapixels, and some for small pictures.
@@ -119,7 +120,7 @@ def time(name: str, value: Any, *, above: float | None = None) -> float:
 
 def strength(name: str, value: Any) -> float:
     """Return a noise-to-signal ratio or the weight of a prior, from 1e-20 to 1e20."""
-    return finite(name, finite(name, value, above=0.0), minimum=LEAST_STRENGTH, maximum=MOST_STRENGTH)
+    return finite(name, finite(name, value, above=0.0), minimum=1 / MOST_STRENGTH, maximum=MOST_STRENGTH)
 
 
 def noise(name: str, value: Any) -> float:
@@ -154,10 +155,7 @@ def count(name: str, value: Any, *, minimum: int = 1, maximum: int | None = None
 
 def nanoseconds(name: str, value: Any) -> int:
     """Return `value` as an int; it must be a whole number of nanoseconds that fits into 64 bits."""
-    number = count(name, value, minimum=-(2**63))
-    if number >= 2**63:
-        raise InputError(f"{name} must be nanoseconds in 64 bits, got a number of {number.bit_length()} bits")
-    return number
+    return count(name, value, minimum=-(2**63), maximum=2**63 - 1)
 
 
 def choice(name: str, value: object, allowed: Collection[str]) -> str:

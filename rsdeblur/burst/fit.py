@@ -61,30 +61,8 @@ class FrameFit:
     path_error: float
 
 
-@dataclass(frozen=True, slots=True)
-class Expected:
-    """Expected difference between equally blurred pictures.
-
-    Parameters
-    ----------
-    noise : float
-        Variance of the noise, at a gain of 1.
-    path_error : float
-        Mean square of the errors of the paths, px^2 of the reduced picture.
-    blur : float
-        Mean square radius of both PSFs together, px^2 of the reduced picture.
-    """
-
-    noise: float
-    path_error: float
-    blur: float
-
-
 def fit_frame(
-    frame: Float32Array,
-    reference: Float32Array,
-    known: Float32Array,
-    expected: Expected,
+    frame: Float32Array, reference: Float32Array, known: Float32Array, *, noise: float, path_error: float, blur: float
 ) -> FrameFit:
     """Fit a frame to the reference.
 
@@ -94,15 +72,18 @@ def fit_frame(
         The resampled frame with the blur of the reference added, and the reference with that of the frame.
     known : ndarray, shape (h, w), float32
         1 where both pictures show the scene alone, 0 elsewhere. There the weight is that of the nearest known place.
-    expected : Expected
-        Expected difference.
+    noise : float
+        Expected variance of the noise of the difference, at a gain of 1.
+    path_error : float
+        Expected mean square of the errors of the paths, px^2.
+    blur : float
+        Mean square radius of both PSFs together, px^2.
     """
-    shift, gain = _residual_shift(frame, reference, known, expected)
+    shift, gain = _residual_shift(frame, reference, known, blur)
     misfit, slope = np.square(sampled(frame, shift) / np.float32(gain) - reference), _slope(reference)
     mean = _window_mean(MISFIT_RADIUS)
     share = np.maximum(mean(known), 1e-6)
-    path_error = expected.path_error + SHIFT_ERROR**2
-    least = expected.noise + path_error * mean(slope * known) / share
+    least = noise + (path_error + SHIFT_ERROR**2) * mean(slope * known) / share
     least = least + np.square(GAIN_ERROR * mean(reference))
     ratio = mean(misfit * known) / share / np.maximum(least, np.finfo(np.float32).tiny)
     if known.any():
@@ -113,25 +94,31 @@ def fit_frame(
     detail = slope * known
     support = float((weights * detail).sum() / max(float(detail.sum()), np.finfo(np.float32).tiny))
     trust = weights * known
-    left = float((trust * (misfit - np.float32(expected.noise))).sum())
+    left = float((trust * (misfit - np.float32(noise))).sum())
     path_errors = max(left, 0.0) / max(float((trust * slope).sum()), float(np.finfo(np.float32).tiny))
     return FrameFit(gain, shift, weights, support, path_errors)
 
 
 def _residual_shift(
-    frame: Float32Array, reference: Float32Array, known: Float32Array, expected: Expected
+    frame: Float32Array, reference: Float32Array, known: Float32Array, blur: float
 ) -> tuple[Float32Array, float]:
     """Return the shift (h, w, 2) of the frame in px, and its gain."""
     shift: Float32Array = np.zeros((1, 1, 2), dtype=np.float32)
     gain, last = 1.0, 1
     for (smoothing, part), here, there in zip(LEVELS, _smoothed(reference), _smoothed(frame), strict=True):
         step = round(smoothing)
-        shift = _resized(shift, here.shape, step / last)
+        shift = start = _resized(shift, here.shape, step / last)
         radius = None if part is None else round(max(8, part * min(reference.shape)) / step)
-        spread = 4 * np.pi * (smoothing**2 + expected.blur) / step**2
-        level = _Level(here, there, known[::step, ::step], radius, spread, SHIFT_DEVIATION / step, shift)
+        count = here.size if radius is None else (2 * radius + 1) ** 2
+        # Differences are alike over an area, so a window counts as so many times fewer pixels.
+        alike = 4 * np.pi * (smoothing**2 + blur) / step**2
+        prior = step**2 / (max(1.0, count / alike) * SHIFT_DEVIATION**2)
         for _ in range(STEPS):
-            shift, gain = level.step(shift, smoothing / step)
+            moved = sampled(there, shift)
+            gain = _gain(here, moved, known[::step, ::step])
+            moved /= np.float32(gain)
+            change = _newton_step(here, moved, known[::step, ::step], _window_mean(radius), prior, shift - start)
+            shift = shift + change.clip(-smoothing / step, smoothing / step).astype(np.float32)
         last = step
     return shift, gain
 
@@ -159,72 +146,42 @@ def _resized(shift: Float32Array, shape: tuple[int, ...], step: float) -> Float3
     return resized
 
 
-class _Level:
-    """One level of smoothing, with the normal equations of the shift.
+def _gain(here: Float32Array, moved: Float32Array, known: Float32Array) -> float:
+    """Return the median ratio of the shifted frame to the reference, which no moving thing can change."""
+    bright = (known > 0) & (here > LEAST_BRIGHT * here.mean())
+    if not bright.any():
+        return 1.0
+    ratio = float(np.median(moved[bright] / here[bright]))
+    return float(np.clip(ratio, 1 / MOST_GAIN, MOST_GAIN))
 
-    Parameters
-    ----------
-    here, there : ndarray, shape (h, w), float32
-        Reference and frame, smoothed and reduced. All lengths are in px of these.
-    known : ndarray, shape (h, w), float32
-        See :func:`fit_frame`.
-    radius : int or None
-        Half width of the windows.
-    spread : float
-        Area over which differences are alike, px: a window counts as so many times fewer pixels.
-    deviation : float
-        Standard deviation of the shift from that of the coarser level, px.
-    start : ndarray, shape (h, w, 2), float32
-        Shift of the coarser level.
+
+def _newton_step(
+    here: Float32Array,
+    moved: Float32Array,
+    known: Float32Array,
+    mean: Callable[[NDArray[np.floating]], NDArray[np.floating]],
+    prior: float,
+    distance: Float32Array,
+) -> NDArray[np.floating]:
+    """Return the step of Newton's method (h, w, 2) from the frame `moved` so far towards the reference, px.
+
+    `mean` averages over windows. `prior` times the unexplained difference is the weight of the coarser level's shift,
+    from which the present one has the `distance` (h, w, 2).
     """
-
-    def __init__(
-        self,
-        here: Float32Array,
-        there: Float32Array,
-        known: Float32Array,
-        radius: int | None,
-        spread: float,
-        deviation: float,
-        start: Float32Array,
-    ) -> None:
-        self._here, self._there, self._known, self._start = here, there, known, start
-        self._dy, self._dx = _gradient(here)
-        self._mean = _window_mean(radius)
-        count = here.size if radius is None else (2 * radius + 1) ** 2
-        self._per_difference = 1.0 / (max(1.0, count / spread) * deviation**2)
-
-    def _gain(self, moved: Float32Array) -> float:
-        """Return the median ratio of the shifted frame to the reference, which no moving thing can change."""
-        bright = (self._known > 0) & (self._here > LEAST_BRIGHT * self._here.mean())
-        if not bright.any():
-            return 1.0
-        ratio = float(np.median(moved[bright] / self._here[bright]))
-        return float(np.clip(ratio, 1 / MOST_GAIN, MOST_GAIN))
-
-    def step(self, shift: Float32Array, most: float) -> tuple[Float32Array, float]:
-        """Return the shift after a step of Newton's method, no part of it longer than `most`, and the frame's gain."""
-        there = sampled(self._there, shift)
-        gain = self._gain(there)
-        difference = self._here - there / np.float32(gain)
-        # Outliers, such as a thing that moves, count less.
-        typical = float(np.median(np.abs(difference[self._known > 0]))) if self._known.any() else 0.0
-        trust = self._known / (1.0 + np.square(difference / max(3.0 * typical, 1e-12)))
-        xx, xy, yy, x, y, left = (
-            self._mean(trust * product)
-            for product in (
-                *(self._dx * self._dx, self._dx * self._dy, self._dy * self._dy),
-                *(self._dx * difference, self._dy * difference, difference * difference),
-            )
-        )
-        # A little of the trace keeps windows with one direction solvable. What no shift explains counts as noise.
-        prior = left * self._per_difference
-        ridge = prior + 0.02 * 0.5 * (xx + yy) + 1e-20
-        x, y = (of - prior * part for of, part in zip((x, y), np.moveaxis(shift - self._start, -1, 0), strict=True))
-        xx, yy = xx + ridge, yy + ridge
-        determinant = xx * yy - xy * xy
-        step = np.stack([yy * x - xy * y, xx * y - xy * x], axis=-1) / determinant[..., None]
-        return shift + step.clip(-most, most).astype(np.float32), gain
+    dy, dx = np.gradient(here)
+    difference = here - moved
+    # Outliers, such as a thing that moves, count less.
+    typical = float(np.median(np.abs(difference[known > 0]))) if known.any() else 0.0
+    trust = known / (1.0 + np.square(difference / max(3.0 * typical, 1e-12)))
+    products = dx * dx, dx * dy, dy * dy, dx * difference, dy * difference, difference * difference
+    xx, xy, yy, x, y, left = (mean(trust * product) for product in products)
+    # A little of the trace keeps windows with one direction solvable. What no shift explains counts as noise.
+    weight = left * prior
+    ridge = weight + 0.02 * 0.5 * (xx + yy) + 1e-20
+    x, y = x - weight * distance[..., 0], y - weight * distance[..., 1]
+    xx, yy = xx + ridge, yy + ridge
+    step: NDArray[np.floating] = np.stack([yy * x - xy * y, xx * y - xy * x], axis=-1)
+    return step / (xx * yy - xy * xy)[..., None]
 
 
 def _window_mean(radius: int | None) -> Callable[[NDArray[np.floating]], NDArray[np.floating]]:
@@ -236,14 +193,9 @@ def _window_mean(radius: int | None) -> Callable[[NDArray[np.floating]], NDArray
 
 
 def _slope(picture: Float32Array) -> Float32Array:
-    down, across = _gradient(picture)
+    down, across = np.gradient(picture)
     slope: Float32Array = np.square(down) + np.square(across)
     return slope
-
-
-def _gradient(picture: Float32Array) -> tuple[Float32Array, Float32Array]:
-    down, across = (np.asarray(part, dtype=np.float32) for part in np.gradient(picture))
-    return down, across
 
 
 def sampled(picture: Float32Array, shift: Float32Array) -> Float32Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rsdeblur.burst.fit import Expected, FrameFit, fit_frame
+from rsdeblur.burst.fit import FrameFit, fit_frame
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.strength import Tuning
@@ -187,10 +187,8 @@ class BurstFrame:
         shape = self.grey.shape
         x, y = self._reduced_places()
         seen = self._shows(x, y).astype(np.float32)
-        factor, spline = np.float32(self.factor), self.grey[..., None].copy()
-        across, down = ((places - (factor - 1) / 2) / factor for places in (x, y))
-        to_spline(spline, threads=1)
-        resampled = sample(spline, across.clip(0, shape[1] - 1), down.clip(0, shape[0] - 1), threads=1)[..., 0]
+        at = [(places - (self.factor - 1) / 2) / self.factor for places in (y, x)]
+        resampled = ndimage.map_coordinates(self.grey, at, order=3, mode="nearest", output=np.float32)
         # Blur mixes pixels with what lies beyond the frame: only the rest can be compared.
         tall, wide = (a + b - 1 for a, b in zip(own.size, other.size, strict=True))
         known = ndimage.minimum_filter(seen, (tall, wide), mode="constant", cval=0.0)
@@ -203,9 +201,13 @@ class BurstFrame:
         energies = [float(np.square(bank.kernels).sum(axis=(2, 3)).mean()) for bank in (other, own)]
         noises = [frame.grey_noise**2 for frame in (self, reference)]
         errors = self.tuning.path_error + reference.tuning.path_error
-        blur = (self.tuning.radius**2 + reference.tuning.radius**2) / self.factor**2
-        expected = Expected(float(np.dot(energies, noises)), errors / self.factor**2, blur)
-        return fit_frame(blurred, equal, known, expected)
+        blur = self.tuning.radius**2 + reference.tuning.radius**2
+        return fit_frame(
+            *(blurred, equal, known),
+            noise=float(np.dot(energies, noises)),
+            path_error=errors / self.factor**2,
+            blur=blur / self.factor**2,
+        )
 
 
 def _interpolated(values: Float32Array, rows: FloatArray, cols: FloatArray) -> Float32Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -32,10 +33,6 @@ from rsdeblur.types import FloatArray, FloatImage, StageProgress
 
 # Mean weight over a whole frame from which on it shows the same scene everywhere.
 ALIKE = 0.99
-# Side of the cells that rectangles consist of, px.
-CELL = 64
-# Share of the picture, with what blur brings in from around the rectangles, from which on everything is blurred.
-MOST_SHARE = 0.6
 # Bytes that the solve may use by default. The default grows to this multiple of what the smallest chunks need.
 MEMORY, ABOVE_LEAST = 1 << 30, {"global": 1.1, "banded": 1.1, "rowwise": 1.25}
 
@@ -203,7 +200,7 @@ def _largest(frames: Sequence[BlurPaths]) -> tuple[int, int]:
 def predicted(
     latent: FloatImage, wanted: NDArray[np.bool_], bank: PsfBank, threads: int | None = None
 ) -> Iterator[tuple[Part, FloatImage]]:
-    """Yield disjoint parts of a sharp picture, blurred, that cover where that is `wanted`.
+    """Yield the blocks of a sharp picture, blurred, in which anything is `wanted`.
 
     Parameters
     ----------
@@ -223,35 +220,16 @@ def predicted(
     blurred : ndarray, shape (h, w, C), float32
         What the frame shows there.
     """
-    parts = list(rectangles(wanted))
-    around = [_around(part, wanted.shape, bank.size) for part in parts]
-    if sum((rows.stop - rows.start) * (cols.stop - cols.start) for rows, cols in around) > MOST_SHARE * wanted.size:
-        parts = list(rectangles(np.ones_like(wanted)))
-    for part in parts:
+    starts = product(*(range(0, n, LONGEST) for n in wanted.shape))
+    for part in ((slice(top, top + LONGEST), slice(left, left + LONGEST)) for top, left in starts):
+        if not wanted[part].any():
+            continue
         whole = _around(part, wanted.shape, bank.size)
         picture, few = np.ascontiguousarray(latent[whole]), bank.cut(*whole)
         few = replace(few, rows=few.rows - whole[0].start, cols=few.cols - whole[1].start)
         blurred = TileBlur(few, picture.shape, threads=threads).forward(picture)
         rows, cols = (slice(p.start - a.start, p.stop - a.start) for p, a in zip(part, whole, strict=True))
         yield part, blurred[rows, cols]
-
-
-def rectangles(wanted: NDArray[np.bool_]) -> Iterator[Part]:
-    """Yield disjoint rectangles, made of cells, that cover where a mask (H, W) is true."""
-    starts = [range(0, n, CELL) for n in wanted.shape]
-    cells = np.logical_or.reduceat(np.logical_or.reduceat(wanted, starts[0], axis=0), starts[1], axis=1)
-    for top, left in np.argwhere(cells):
-        if not cells[top, left]:
-            continue
-        right, bottom = left, top
-        while right < min(left + LONGEST // CELL, cells.shape[1]) and cells[top, right]:
-            right += 1
-        while bottom < min(top + LONGEST // CELL, cells.shape[0]) and cells[bottom, left:right].all():
-            bottom += 1
-        cells[top:bottom, left:right] = False
-        limits = zip((top, left), (bottom, right), wanted.shape, strict=True)
-        rows, cols = (slice(int(first) * CELL, min(int(stop) * CELL, n)) for first, stop, n in limits)
-        yield rows, cols
 
 
 def _around(part: Part, shape: tuple[int, ...], reach: tuple[int, int]) -> Part:

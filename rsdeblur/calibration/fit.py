@@ -25,6 +25,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 
 from rsdeblur.calibration.matches import ClipMatches
+from rsdeblur.estimate.noise import MEDIAN
 from rsdeblur.motion import lens
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.track import OrientationTrack
@@ -153,8 +154,6 @@ class ClipModel:
 CAUCHY, OUTLYING = 2.385, 6.0
 # Least standard deviation of a point, px: no tracker is better.
 LEAST_NOISE = 0.02
-# Deviation of a Gaussian variable over the median of its absolute values.
-MAD = 1.4826
 # Windows on one thing err alike in all frames that show it, and so do neighbouring windows. Over 24 simulated clips,
 # errors of the parameters were 1.5 to 2.2 times the deviations of a fit that takes them as independent.
 TEXTURE = 2.0
@@ -206,11 +205,11 @@ class PairErrors:
         self._matches, self.modes = model.matches, _modes(model.matches.moved)
         pair, own = model.matches.pair, residuals
         for _ in range(3):
-            self.noise = max(MAD * float(np.median(np.abs(own))), LEAST_NOISE)
+            self.noise = max(float(np.median(np.abs(own))) / MEDIAN, LEAST_NOISE)
             self.weights = 1.0 / (1.0 + (np.linalg.norm(own, axis=1) / (CAUCHY * self.noise)) ** 2)
             shared, variances = self._shared(residuals)
             own = residuals - np.einsum("nim,nm->ni", self.modes, shared[pair])
-        typical = np.median(shared[keep] ** 2, axis=0) * MAD**2
+        typical = np.median(shared[keep] ** 2, axis=0) / MEDIAN**2
         self.used = keep & (shared**2 < OUTLYING**2 * (typical + variances)).all(axis=1)
         self.weights *= self.used[pair]
         self.spread = np.maximum(typical - np.median(variances[keep], axis=0), 0.0)

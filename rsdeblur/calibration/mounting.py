@@ -107,16 +107,23 @@ def candidates(
     return [candidate for _, candidate in found[:count]]
 
 
-class Ranking(NamedTuple):
-    """Comparison of fitted candidates: the places of the best one and of its best rival, and the confidence."""
+def ranked(tried: Sequence[Candidate], fits: Sequence[ClipFit], matches: ClipMatches) -> tuple[int, int, float]:
+    """Compare fitted candidates by the errors of their points, pair by pair.
 
-    best: int
-    rival: int
-    confidence: float
+    Parameters
+    ----------
+    tried, fits : sequence
+        The candidates and their fits.
+    matches : ClipMatches
+        The matches that were fitted.
 
-
-def ranked(tried: Sequence[Candidate], fits: Sequence[ClipFit], matches: ClipMatches) -> Ranking:
-    """Compare fitted candidates by the errors of their points, pair by pair."""
+    Returns
+    -------
+    best, rival : int
+        Places of the best one and of the best one that differs from it.
+    confidence : float
+        Confidence of the mounting.
+    """
     energy = np.array([(fit.residuals**2).sum(axis=1) for fit in fits])
     scale = np.median(energy, axis=1).min() + 1e-4
     # Log-likelihoods in nats whose tails let wrong points be; all points of a pair together count as one.
@@ -128,7 +135,7 @@ def ranked(tried: Sequence[Candidate], fits: Sequence[ClipFit], matches: ClipMat
         return near and np.array_equal(tried[i].mounting, tried[best].mounting)
 
     rivals = [i for i in others if not same(i)]
-    return Ranking(best, rivals[0] if rivals else best, confidence(costs[rivals] - costs[best], LEAST_LEAD))
+    return best, rivals[0] if rivals else best, confidence(costs[rivals] - costs[best], LEAST_LEAD)
 
 
 def _without_constant_rate(rotations: FloatArray, interval: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ from rsdeblur.calibration.result import CONFIDENT, Calibration, Estimate, confid
 from rsdeblur.choices import READOUT_DIRECTIONS, Auto, Transfer
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.estimate.correction import DRIFT, PARAMETERS, SHARED, Recording, Uncertainty
-from rsdeblur.estimate.posterior import PhotoLikelihood, Posterior, costs_of
+from rsdeblur.estimate.posterior import Posterior, costs_of
 from rsdeblur.estimate.refine import grey_lights
 from rsdeblur.estimate.score import Score
 from rsdeblur.estimate.sharpness import NATS_PER_FALL
@@ -173,11 +173,8 @@ class _Photos:
         return self._scores[key]
 
     def _posterior(self, camera: Camera) -> Posterior:
-        photos = [
-            PhotoLikelihood(photo.likelihood.spectra, replace(recording, camera=camera), self._deviations)
-            for photo, recording in zip(self._score(camera).photos, self._recordings, strict=True)
-        ]
-        return Posterior(photos, self._deviations, threads=None)
+        recordings = [replace(recording, camera=camera) for recording in self._recordings]
+        return self._score(camera).under(recordings, self._deviations).posterior
 
     def _fit(self, camera: Camera, free: Sequence[str] = SHARED) -> _Fit:
         """Fit corrections of a camera."""

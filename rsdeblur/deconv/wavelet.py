@@ -197,21 +197,6 @@ class WaveletPrior:
         return np.array(self.variances, dtype=np.float32).reshape(band_shape())
 
 
-def median_prior(priors: Sequence[WaveletPrior], peak: float) -> WaveletPrior:
-    """Return the prior whose numbers are medians of those of others, for pictures whose bright parts have one value.
-
-    Parameters
-    ----------
-    priors : sequence of WaveletPrior
-        At least one.
-    peak : float
-        Value of the bright parts.
-    """
-    numbers = [(each.weight, each.noise_share, each.sparse.weight, *each.variances) for each in priors]
-    weight, noise_share, sparse, *variances = np.median(numbers, axis=0).tolist()
-    return WaveletPrior(weight, tuple(variances), noise_share, replace(priors[0].sparse, weight=sparse, peak=peak))
-
-
 def band_shape() -> tuple[int, int, int]:
     """Return the shape (K, LEVELS, 3) of arrays with one value for each restoration, level and orientation."""
     return len(Factors.learned().ratios), LEVELS, ORIENTATIONS

@@ -288,7 +288,7 @@ class Tuning:
 
 def _strength(value: float) -> float:
     """Return a strength within its bounds."""
-    return float(np.clip(value, validate.LEAST_STRENGTH, validate.MOST_STRENGTH))
+    return float(np.clip(value, 1 / validate.MOST_STRENGTH, validate.MOST_STRENGTH))
 
 
 def _spread(bank: PsfBank) -> float:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
@@ -15,18 +14,13 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.transfer import from_linear
-from rsdeblur.kernels.warp import average_warps
 from rsdeblur.motion.arguments import check_recording, exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.translation import Translation
-from rsdeblur.simulation.simulate import MOST_WARPS, CameraPath, linear_scene
+from rsdeblur.simulation.simulate import MOST_WARPS, CameraPath, Plane, linear_scene, row_times, stored_picture
 from rsdeblur.types import FloatArray
-
-# Integration steps of the orientation per second. At 10 rad/s and 1000 rad/s^2, steps of 0.5 ms err by less than 1e-4
-# rad over 1 s, and neighbouring frames by a thirtieth of that: a hundredth of a pixel.
-STEPS_PER_SECOND = 2000
 
 
 @one_line()
@@ -101,7 +95,7 @@ def simulate_clip(
     log : GyroLog
         Motion of the camera.
     camera : Camera
-        The camera, without lens distortion.
+        The camera.
     exposures : sequence of Exposure
         Time of each frame, at least one.
     noise : float, default 0.0
@@ -125,8 +119,8 @@ def simulate_clip(
     Raises
     ------
     InputError
-        If an argument is out of its range, the lens distorts, or a layer has another shape than the scene, or a depth
-        where no translation is given.
+        If an argument is out of its range, there is no exposure, or a layer has another shape than the scene, or a
+        depth where no translation is given.
     CoverageError, ClockError, GapError
         If the log or the translation does not describe the clip.
 
@@ -145,64 +139,36 @@ def simulate_clip(
     layers = list(validate.items("layers", layers))
     for n, layer in enumerate(layers):
         validate.instance(f"layers[{n}]", layer, Layer)
-    if camera.distortion_model != "none" or not exposures:
-        raise InputError("a simulated clip needs at least one exposure, and a camera without lens distortion")
+    if not exposures:
+        raise InputError("a simulated clip needs at least one exposure")
     scene, transfer = linear_scene(sharp, transfer)
     samples = validate.count("samples", samples, maximum=MOST_WARPS // camera.height)
     noise = validate.finite("noise", noise, minimum=0.0, maximum=validate.MOST_LIGHT)
     random = np.random.default_rng(validate.count("seed", seed, minimum=0))
     lights = [_premultiplied(layer, scene, transfer, translation) for layer in layers]
     frame = ReadoutFrame(camera)
-    upright = frame.camera
     epoch = exposures[0].epoch_ns
     moved = [Exposure(e.start + 1e-9 * (e.epoch_ns - epoch), e.duration, epoch) for e in exposures]
-    spans = np.array([exposure.span(upright) for exposure in moved])
-    t0, t1 = float(spans.min()), float(spans.max())
+    spans = np.array([exposure.span(frame.camera) for exposure in moved])
+    span = float(spans.min()), float(spans.max())
+    reference = 0.5 * sum(span)
     translation = frame.translation(translation)
-    span, reference = (t0, t1), 0.5 * (t0 + t1)
 
-    def plane(light: NDArray[np.float32], velocity: tuple[float, float], depth: float | None) -> _Plane:
+    def plane(light: NDArray[np.float32], velocity: tuple[float, float], depth: float | None) -> Plane:
         places = translation if depth is None or translation is None else replace(translation, depth=depth)
-        path = CameraPath(log, upright, *span, epoch, places, steps_per_second=STEPS_PER_SECOND)
-        return _Plane(frame.image(light), path, frame.shift(velocity))
+        return Plane(light, CameraPath(log, frame, span, epoch, places), velocity)
 
     background = plane(scene, (0.0, 0.0), None)
     things = [plane(light, layer.velocity, layer.depth) for light, layer in zip(lights, layers, strict=True)]
-    phase = (np.arange(samples) + 0.5) / samples
 
     def frames() -> Iterator[NDArray[np.float32]]:
         for exposure in moved:
-            opens, closes = exposure.window(np.arange(upright.height), upright)
-            times = opens[:, None] + (closes - opens)[:, None] * phase
-            light = frame.back(_seen(background, things, times, reference)).reshape(
-                camera.height, camera.width, *scene.shape[2:]
-            )
+            times = row_times(*exposure.window(np.arange(frame.camera.height), frame.camera), samples)
+            light = stored_picture(_seen(background, things, times, reference), frame, scene.shape[2:])
             light = light + random.normal(0.0, noise, light.shape).astype(np.float32)
-            yield from_linear(np.ascontiguousarray(light), transfer)
+            yield from_linear(light, transfer)
 
     return frames()
-
-
-class _Plane:
-    """Light of a plane, upright, of shape (h, w) or (h, w, C), and how the camera sees it."""
-
-    def __init__(self, light: NDArray[np.float32], path: CameraPath, velocity: tuple[float, float]) -> None:
-        planes = np.atleast_3d(light).astype(np.float64)
-        self._corner = (planes.shape[1] - path.camera.width) // 2, (planes.shape[0] - path.camera.height) // 2
-        self._coefficients = np.stack(
-            [ndimage.spline_filter(part, 3, output=np.float32, mode="mirror") for part in np.moveaxis(planes, -1, 0)],
-            axis=-1,
-        )
-        self._path, self._velocity = path, np.array(velocity)
-
-    def seen(self, times: FloatArray, reference: float) -> NDArray[np.float32]:
-        """Return the mean of what the camera sees at `times` (H, T) of each row, shape (H, W, C)."""
-        warps = self._path.warps(times, reference, *self._corner)
-        # A thing that has moved by v t is seen where the one at rest is v t before.
-        shift = np.zeros_like(warps)
-        shift[..., :2, 2] = -(times - reference)[..., None] * self._velocity
-        seen: NDArray[np.float32] = average_warps(self._coefficients, warps + shift @ warps, self._path.camera.width)
-        return seen
 
 
 def _premultiplied(
@@ -220,7 +186,7 @@ def _premultiplied(
     return np.concatenate([np.atleast_3d(light) * opacity[..., None], opacity[..., None]], axis=-1)
 
 
-def _seen(background: _Plane, things: Sequence[_Plane], times: FloatArray, reference: float) -> NDArray[np.float32]:
+def _seen(background: Plane, things: Sequence[Plane], times: FloatArray, reference: float) -> NDArray[np.float32]:
     """Return the mean light of each row at its `times` (H, T), shape (H, W, C)."""
     if not things:
         return background.seen(times, reference)

@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
+from PIL.ImageColor import getrgb
 
 from rsdeblur._util import validate
 from rsdeblur.errors import InputError
 from rsdeblur.image.transfer import to_linear
 from rsdeblur.types import FloatImage
 
-Colour = tuple[int, int, int]
 Box = tuple[int, int, int, int]
 
 # Smallest width and height, px.
@@ -20,30 +20,16 @@ SMALLEST = 64
 # Most pixels: they take some 10 GB.
 MOST_PIXELS = 100_000_000
 
-# Subpixels along a pixel's edge, and the number of pixels above which fewer are used: 9 samples per pixel, or 4.
-SUBPIXELS, SUBPIXELS_LARGE, LARGE = 3, 2, 4_000_000
+# Subpixels along a pixel's edge.
+SUBPIXELS = 3
 
-# Colours in sRGB, 0 to 255. Lamplight is added later, in linear light.
-WALL, WOOD, WOOD_EDGE, PAPER, INK, GOLD = (
-    (186, 170, 148),
-    (124, 82, 50),
-    (150, 104, 66),
-    (238, 232, 216),
-    (28, 26, 30),
-    (214, 178, 96),
-)
-CLOTH: tuple[Colour, ...] = (
-    (142, 38, 34),
-    (30, 62, 98),
-    (38, 84, 62),
-    (196, 142, 52),
-    (88, 52, 88),
-    (216, 204, 178),
-    (58, 56, 60),
-    (174, 84, 44),
-    (64, 118, 132),
-    (112, 120, 70),
-)
+# Colours in sRGB. Lamplight is added later, in linear light.
+WALL, WOOD, WOOD_EDGE = "#baaa94", "#7c5232", "#966842"
+PAPER, INK, GOLD = "#eee8d8", "#1c1a1e", "#d6b260"
+CLOTH = (
+    "#8e2622", "#1e3e62", "#26543e", "#c48e34", "#583458",
+    "#d8ccb2", "#3a383c", "#ae542c", "#407684", "#707846",
+)  # fmt: skip
 SUBJECTS = (
     "LIGHT", "OPTICS", "SHADOWS", "MOTION", "GLASS", "RIVERS", "STONES", "WINTER", "MAPS", "TIME", "COLOUR", "WAVES",
     "GARDENS", "CLOUDS", "HARBOURS", "NUMBERS", "SILENCE", "TREES", "SALT", "WIND",
@@ -55,20 +41,8 @@ TITLES = (
 AUTHORS = ("ARNOLD", "BELL", "CORTEZ", "DUVAL", "ERIKSEN", "FONTANA", "GREY", "HOLM", "IVANOVA", "JANSEN", "KIM", "LO")
 
 
-class Canvas(NamedTuple):
-    """The enlarged drawing and the means to draw.
-
-    Parameters
-    ----------
-    image : Image
-        The drawing, in subpixels.
-    pen : ImageDraw
-        Pen of the drawing.
-    unit : float
-        Unit of length, the height of the drawing, in subpixels.
-    random : Generator
-        Generator of random numbers.
-    """
+class _Canvas(NamedTuple):
+    """The drawing in subpixels, its pen, its height as the unit of length, and a generator of random numbers."""
 
     image: Image.Image
     pen: ImageDraw.ImageDraw
@@ -111,19 +85,18 @@ def scene(height: int, width: int, *, seed: int = 0) -> FloatImage:
     if height * width > MOST_PIXELS:
         raise InputError(f"a scene has at most {MOST_PIXELS} pixels, got {height} x {width}")
     random = np.random.default_rng(validate.count("seed", seed, minimum=0))
-    fine = SUBPIXELS_LARGE if height * width > LARGE else SUBPIXELS
-    image = Image.new("RGB", (width * fine, height * fine), WALL)
-    canvas = Canvas(image, ImageDraw.Draw(image), float(height * fine), random)
+    image = Image.new("RGB", (width * SUBPIXELS, height * SUBPIXELS), WALL)
+    canvas = _Canvas(image, ImageDraw.Draw(image), float(height * SUBPIXELS), random)
     for top, bottom in ((-0.16, 0.28), (0.32, 0.635), (0.675, 0.955)):
         _shelf(canvas, top, bottom)
     _still_life(canvas)
-    light = _linear_mean(image, fine)
+    light = _linear_mean(image)
     light *= _texture(height, width, random)
     light *= _lamplight(height, width)
     return np.clip(light, 0.0, 1.0, out=light)
 
 
-def _shelf(canvas: Canvas, top: float, bottom: float) -> None:
+def _shelf(canvas: _Canvas, top: float, bottom: float) -> None:
     """Draw a board, whose upper edge is at `bottom`, with books on it; heights are fractions of the picture's."""
     image, pen, unit, random = canvas
     floor = round(bottom * unit)
@@ -146,10 +119,10 @@ def _shelf(canvas: Canvas, top: float, bottom: float) -> None:
             x += wide + random.choice((0.0, 0.0, 0.002, 0.02), p=(0.5, 0.2, 0.2, 0.1)) * unit
 
 
-def _book(canvas: Canvas, wide: int, tall: int) -> Image.Image:
+def _book(canvas: _Canvas, wide: int, tall: int) -> Image.Image:
     """Return one spine: cloth with shading, printed bands, a title along it and an author across it."""
     random = canvas.random
-    cloth = np.array(CLOTH[random.integers(len(CLOTH))]) * random.uniform(0.85, 1.1)
+    cloth = np.array(getrgb(CLOTH[random.integers(len(CLOTH))])) * random.uniform(0.85, 1.1)
     dark = cloth.mean() < 130
     across = np.linspace(-1.0, 1.0, wide)
     shade = 0.45 + 0.6 * np.sqrt(1.0 - 0.9 * across**2) * (1.0 - 0.18 * across)
@@ -172,7 +145,7 @@ def _book(canvas: Canvas, wide: int, tall: int) -> Image.Image:
     return book
 
 
-def _fitted(text: str, wide: int, tall: int, colour: Colour) -> Image.Image:
+def _fitted(text: str, wide: int, tall: int, colour: str) -> Image.Image:
     """Return `text` on a transparent ground, as large as fits into `wide` x `tall`."""
     size = max(tall, 1)
     font = ImageFont.load_default(size)
@@ -180,24 +153,24 @@ def _fitted(text: str, wide: int, tall: int, colour: Colour) -> Image.Image:
     scale = min(wide / max(right - left, 1), tall / max(bottom - top, 1), 1.2)
     font = ImageFont.load_default(max(size * scale, 1.0))
     left, top, right, bottom = font.getbbox(text)
-    strip = Image.new("RGBA", (max(round(right - left), 1), max(round(bottom - top), 1)), (*colour, 0))
+    strip = Image.new("RGBA", (max(round(right - left), 1), max(round(bottom - top), 1)), (*getrgb(colour), 0))
     ImageDraw.Draw(strip).text((-left, -top), text, fill=colour, font=font)
     return strip
 
 
-def _grain(canvas: Canvas, box: Box) -> None:
+def _grain(canvas: _Canvas, box: Box) -> None:
     """Draw wavy lines of darker and lighter wood."""
     left, top, right, bottom = box
     x = np.linspace(left, right, 200)
     for _ in range(14):
         y = canvas.random.uniform(top, bottom)
         swing = 0.1 * (bottom - top) * np.sin(x / canvas.unit * canvas.random.uniform(1.0, 7.0) + y)
-        colour = tuple(round(c * canvas.random.uniform(0.75, 1.1)) for c in WOOD)
+        colour = tuple(round(c * canvas.random.uniform(0.75, 1.1)) for c in getrgb(WOOD))
         points = list(zip(x.tolist(), np.clip(y + swing, top, bottom).tolist(), strict=True))
         canvas.pen.line(points, fill=colour, width=max(round(0.0015 * canvas.unit), 1))
 
 
-def _still_life(canvas: Canvas) -> None:
+def _still_life(canvas: _Canvas) -> None:
     """Draw a framed Siemens star, a page of fine print, a chart of bars and a glazed ball in front of the books."""
     unit, across = canvas.unit, canvas.image.width
     star = _card(canvas, (0.06 * across, 0.375 * unit), (0.25 * unit, 0.25 * unit))
@@ -209,7 +182,7 @@ def _still_life(canvas: Canvas) -> None:
     _ball(canvas, (0.8 * across, 0.635 * unit), 0.07 * unit)
 
 
-def _card(canvas: Canvas, corner: tuple[float, float], size: tuple[float, float]) -> Box:
+def _card(canvas: _Canvas, corner: tuple[float, float], size: tuple[float, float]) -> Box:
     """Draw a framed sheet of paper and return the box inside its frame."""
     left, top = map(round, corner)
     right, bottom = left + round(size[0]), top + round(size[1])
@@ -223,7 +196,7 @@ def _card(canvas: Canvas, corner: tuple[float, float], size: tuple[float, float]
     return box
 
 
-def _siemens_star(canvas: Canvas, box: Box) -> None:
+def _siemens_star(canvas: _Canvas, box: Box) -> None:
     spokes = 36
     left, top, right, bottom = box
     x, y = (left + right) / 2, (top + bottom) / 2
@@ -234,7 +207,7 @@ def _siemens_star(canvas: Canvas, box: Box) -> None:
         canvas.pen.pieslice(disc, spoke * step, (spoke + 0.5) * step, fill=INK)
 
 
-def _fine_print(canvas: Canvas, box: Box) -> None:
+def _fine_print(canvas: _Canvas, box: Box) -> None:
     """Fill `box` with lines of text of decreasing size."""
     left, top, right, bottom = box
     size = 0.15 * (bottom - top)
@@ -249,7 +222,7 @@ def _fine_print(canvas: Canvas, box: Box) -> None:
         size *= 0.86
 
 
-def _line_pairs(canvas: Canvas, box: Box) -> None:
+def _line_pairs(canvas: _Canvas, box: Box) -> None:
     """Fill `box` with rows of vertical bars, each row finer than the last, and patches of colour below."""
     left, top, right, bottom = box
     wide, tall = right - left, bottom - top
@@ -264,7 +237,7 @@ def _line_pairs(canvas: Canvas, box: Box) -> None:
         canvas.pen.rectangle((x, top + 0.77 * tall, x + 0.15 * wide, top + 0.94 * tall), fill=colour)
 
 
-def _ball(canvas: Canvas, foot: tuple[float, float], radius: float) -> None:
+def _ball(canvas: _Canvas, foot: tuple[float, float], radius: float) -> None:
     """Draw a glazed ball, a smooth gradient with two highlights, whose lowest point is at `foot`."""
     size = round(2 * radius)
     y, x = np.mgrid[-1.0 : 1.0 : size * 1j, -1.0 : 1.0 : size * 1j]
@@ -272,21 +245,23 @@ def _ball(canvas: Canvas, foot: tuple[float, float], radius: float) -> None:
     diffuse = 0.25 + 0.75 * np.maximum(-0.5 * x - 0.5 * y + 0.7 * z, 0.0)
     shine = np.exp(-((x + 0.38) ** 2 + (y + 0.4) ** 2) / 0.012)
     shine += 0.35 * np.exp(-((x - 0.5) ** 2 + (y - 0.45) ** 2) / 0.03)
-    pixels = np.clip(np.array(CLOTH[8]) * diffuse[..., None] + 230.0 * shine[..., None], 0, 255).astype(np.uint8)
+    pixels = np.clip(np.array(getrgb(CLOTH[8])) * diffuse[..., None] + 230.0 * shine[..., None], 0, 255).astype(
+        np.uint8
+    )
     mask = Image.fromarray(np.where(x**2 + y**2 <= 1.0, 255, 0).astype(np.uint8))
     canvas.image.paste(Image.fromarray(pixels), (round(foot[0] - radius), round(foot[1]) - size), mask)
 
 
-def _linear_mean(image: Image.Image, fine: int) -> FloatImage:
-    """Return the mean light of each `fine` x `fine` block of an sRGB picture."""
+def _linear_mean(image: Image.Image) -> FloatImage:
+    """Return the mean light of the subpixels of each pixel of an sRGB picture."""
     linear = to_linear(np.linspace(0.0, 1.0, 256, dtype=np.float32), "srgb")
     drawn = np.asarray(image)
-    height, width = image.height // fine, image.width // fine
+    height, width = image.height // SUBPIXELS, image.width // SUBPIXELS
     light = np.zeros((height, width, 3), np.float32)
-    for dy in range(fine):
-        for dx in range(fine):
-            light += linear[drawn[dy::fine, dx::fine]]
-    light /= fine**2
+    for dy in range(SUBPIXELS):
+        for dx in range(SUBPIXELS):
+            light += linear[drawn[dy::SUBPIXELS, dx::SUBPIXELS]]
+    light /= SUBPIXELS**2
     return light
 
 

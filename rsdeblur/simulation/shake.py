@@ -9,10 +9,11 @@ from rsdeblur.errors import InputError
 from rsdeblur.motion.gyro import GyroLog
 
 # Low and high edge in Hz, and rms rate in rad/s about x, y and z (z: roll about the optical axis).
-DRIFT = (0.1, 2.0, (0.30, 0.26, 0.19))
-SWAY = (3.0, 7.0, (0.72, 0.74, 0.50))
-TREMOR = (8.0, 12.0, (0.61, 0.72, 0.27))
-
+BANDS = {
+    "drift": (0.1, 2.0, (0.30, 0.26, 0.19)),
+    "sway": (3.0, 7.0, (0.72, 0.74, 0.50)),
+    "tremor": (8.0, 12.0, (0.61, 0.72, 0.27)),
+}
 # Sinusoids per band and axis: the sum of 32 looks Gaussian and does not repeat.
 WAVES = 32
 # Bounds of a simulated log: three hours at 200 Hz, and a rate that GyroLog accepts.
@@ -70,7 +71,7 @@ def hand_shake(duration: float, *, rate: float = 200.0, strength: float = 1.0, s
     GyroLog(t=float64[101], rate=200, span=(0, 0.5), epoch_ns=0)
     """
     duration = validate.finite("duration", duration, above=0.0)
-    rate = validate.finite("rate", rate, above=2.0 * TREMOR[1])
+    rate = validate.finite("rate", rate, above=2.0 * BANDS["tremor"][1])
     strength = validate.finite("strength", strength, minimum=0.0, maximum=MOST_STRENGTH)
     if duration * rate > MOST_SAMPLES:
         raise InputError(
@@ -79,7 +80,7 @@ def hand_shake(duration: float, *, rate: float = 200.0, strength: float = 1.0, s
     random = np.random.default_rng(validate.count("seed", seed, minimum=0))
     t = np.arange(np.ceil(duration * rate) + 1.0) / rate
     omega = np.zeros((len(t), 3))
-    for low, high, rms in (DRIFT, SWAY, TREMOR):
+    for low, high, rms in BANDS.values():
         # One frequency from each of WAVES equal slices, so that the waves cover the whole band.
         slices = np.arange(WAVES) + random.random((3, WAVES))
         frequency = low + (high - low) / WAVES * slices

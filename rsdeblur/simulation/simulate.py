@@ -6,7 +6,6 @@ the integration of the rates, so that an error in one is visible against the oth
 
 from __future__ import annotations
 
-import math
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -32,8 +31,9 @@ from rsdeblur.types import FloatArray
 # errs by less than 1e-7 rad over 0.1 s, far below a hundredth of a pixel.
 STEPS_PER_SECOND = 20_000
 
-# Warps per pixel of path: steps of half a pixel alias at 2 cycles/px, four times the highest frequency of a picture.
-SAMPLES_PER_PIXEL = 2
+# Warps per pixel of path, and least number of warps: steps of half a pixel alias at 2 cycles/px, four times the highest
+# frequency of a picture.
+SAMPLES_PER_PIXEL, LEAST_SAMPLES = 2, 16
 # Most warps of a simulation: some 10 GB with their products. Most steps: 100 s.
 MOST_WARPS, MOST_STEPS = 20_000_000, 2_000_000
 
@@ -123,17 +123,24 @@ def simulate(
             f"got {scene.shape[1]}x{scene.shape[0]}"
         )
     noise = validate.finite("noise", noise, minimum=0.0, maximum=validate.MOST_LIGHT)
-    seed = validate.count("seed", seed, minimum=0)
-    left, top = (scene.shape[1] - camera.width) // 2, (scene.shape[0] - camera.height) // 2
+    random = np.random.default_rng(validate.count("seed", seed, minimum=0))
     frame = ReadoutFrame(camera)
-    if frame.quarter:
-        left, top = scene.shape[0] - camera.height - top, left
-    moved = frame.translation(translation)
-    upright = _simulate(frame.image(scene), (left, top), log, frame.camera, exposure, samples, moved)
-    clean = Simulation(*(np.ascontiguousarray(frame.back(picture)) for picture in upright))
-    grain = np.random.default_rng(seed).normal(0.0, noise, clean.blurred.shape)
-    noisy = clean._replace(blurred=clean.blurred + grain.astype(np.float32))
-    return Simulation(*(from_linear(picture, transfer) for picture in noisy))
+    opens, closes = exposure.window(np.arange(frame.camera.height), frame.camera)
+    middle = 0.5 * (opens + closes)
+    path = CameraPath(
+        log, frame, (float(opens.min()), float(closes.max())), exposure.epoch_ns, frame.translation(translation)
+    )
+    if validate.is_auto(samples):
+        count = max(LEAST_SAMPLES, int(np.ceil(SAMPLES_PER_PIXEL * path.longest(opens, closes))))
+    else:
+        count = validate.count("samples", samples, maximum=MOST_WARPS)
+    plane = Plane(scene, path)
+    reference = float(middle.mean())
+    blurred, rolling = (plane.picture(at, reference) for at in (row_times(opens, closes, count), middle[:, None]))
+    blurred = blurred + random.normal(0.0, noise, blurred.shape).astype(np.float32)
+    left, top = plane.corner
+    rectified = np.ascontiguousarray(scene[top : top + camera.height, left : left + camera.width])
+    return Simulation(*(from_linear(picture, transfer) for picture in (blurred, rectified, rolling)))
 
 
 def linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[np.float32], Transfer]:
@@ -151,42 +158,12 @@ def linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[n
     return scene, encoding
 
 
-def _simulate(
-    scene: NDArray[np.float32],
-    corner: tuple[int, int],
-    log: GyroLog,
-    camera: Camera,
-    exposure: Exposure,
-    samples: int | Literal["auto"],
-    translation: Translation | None,
-) -> Simulation:
-    left, top = corner
-    opens, closes = exposure.window(np.arange(camera.height), camera)
-    middle = 0.5 * (opens + closes)
-    reference = float(np.interp((camera.height - 1) / 2, np.arange(camera.height), middle))
-    path = CameraPath(log, camera, float(opens.min()), float(closes.max()), exposure.epoch_ns, translation)
-    if validate.is_auto(samples):
-        slices = max(16, int(np.ceil(SAMPLES_PER_PIXEL * path.longest(opens, closes))))
-    else:
-        slices = validate.count("samples", samples, maximum=MOST_WARPS)
-    if slices * camera.height > MOST_WARPS:
-        raise InputError(f"the blur takes {slices} warps for each row; {MOST_WARPS // camera.height} are possible")
-    phase = (np.arange(slices) + 0.5) / slices
-    times = opens[:, None] + (closes - opens)[:, None] * phase
-    planes = np.atleast_3d(scene).astype(np.float64)
-    coefficients = np.stack(
-        [ndimage.spline_filter(planes[..., c], 3, output=np.float32, mode="mirror") for c in range(planes.shape[2])],
-        axis=-1,
-    )
-    shape = (camera.height, camera.width, *scene.shape[2:])
-
-    def seen(at: FloatArray) -> NDArray[np.float32]:
-        if camera.distortion_model != "none":
-            return _through_lens(coefficients, path, at, reference, left, top).reshape(shape)
-        return average_warps(coefficients, path.warps(at, reference, left, top), camera.width).reshape(shape)
-
-    frame = scene[top : top + camera.height, left : left + camera.width]
-    return Simulation(seen(times), np.ascontiguousarray(frame), seen(middle[:, None]))
+def row_times(opens: FloatArray, closes: FloatArray, samples: int) -> FloatArray:
+    """Return the middles of `samples` equal parts of the exposure of each row, shape (H, samples), s."""
+    if samples * len(opens) > MOST_WARPS:
+        raise InputError(f"the blur takes {samples} warps for each row; {MOST_WARPS // len(opens)} are possible")
+    times: FloatArray = opens[:, None] + (closes - opens)[:, None] * (np.arange(samples) + 0.5) / samples
+    return times
 
 
 class CameraPath:
@@ -195,28 +172,26 @@ class CameraPath:
     def __init__(
         self,
         log: GyroLog,
-        camera: Camera,
-        t0: float,
-        t1: float,
+        frame: ReadoutFrame,
+        span: tuple[float, float],
         epoch_ns: int,
-        translation: Translation | None = None,
-        *,
-        steps_per_second: int = STEPS_PER_SECOND,
+        translation: Translation | None,
     ) -> None:
+        (t0, t1), camera = span, frame.camera
         if translation is not None and not isinstance(translation.depth, float):
             raise InputError("translation must have one depth to be simulated, got a map of depths")
-        if (t1 - t0) * steps_per_second > MOST_STEPS:
+        if (t1 - t0) * STEPS_PER_SECOND > MOST_STEPS:
             raise InputError(f"the exposures span {t1 - t0:g} s, too long to be simulated; are their times in s?")
         samples = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
         t = samples.t + camera.time_offset
         omega = samples.omega @ camera.imu_to_camera.T
-        self.nodes = np.linspace(t0, t1, max(2, int(np.ceil((t1 - t0) * steps_per_second)) + 1))
+        self.nodes = np.linspace(t0, t1, max(2, int(np.ceil((t1 - t0) * STEPS_PER_SECOND)) + 1))
         centres = 0.5 * (self.nodes[1:] + self.nodes[:-1])
         self.rates = np.stack([np.interp(centres, t, omega[:, axis]) for axis in range(3)], axis=1)
         # In camera axes, a far point X moves by dX/dt = -omega x X.
         steps = Rotation.from_rotvec(-self.rates * np.diff(self.nodes)[:, None])
         self.orientation = Slerp(self.nodes, _composed(steps))
-        self.camera = camera
+        self.frame, self.camera = frame, camera
         self.places = translation and translation.covering(t0, t1, epoch_ns)
 
     def longest(self, opens: FloatArray, closes: FloatArray) -> float:
@@ -247,54 +222,85 @@ class CameraPath:
         moved: FloatArray = meeting @ turns
         return moved
 
-    def warps(self, times: FloatArray, reference: float, left: int, top: int) -> FloatArray:
-        """Return the homographies from a pixel at `times` to the scene at `reference`, shape `times.shape + (3, 3)`."""
-        k = self.camera.matrix
-        to_scene = np.array([[1.0, 0.0, left], [0.0, 1.0, top], [0.0, 0.0, 1.0]]) @ k
-        warps: FloatArray = to_scene @ self.turns(times, reference) @ np.linalg.inv(k)
-        return warps
-
 
 def _composed(steps: Rotation) -> Rotation:
-    """Return the rotations after 0, 1, ..., n steps, which turn one after the other.
+    """Return the rotations after 0, 1, ..., n steps, which turn one after the other."""
+    turned = Rotation.concatenate([Rotation.identity(), steps])
+    # Products of 2, 4, 8, ... neighbours.
+    reach = 1
+    while reach < len(turned):
+        turned = Rotation.concatenate([turned[:reach], turned[reach:] * turned[:-reach]])
+        reach *= 2
+    return turned
 
-    The same numbers as products of n single rotations, in a fortieth of the time.
+
+class Plane:
+    """Light of a plane that a camera sees, of shape (h, w) or (h, w, C) as stored.
+
+    Parameters
+    ----------
+    light : ndarray, shape (h, w) or (h, w, C), float32
+        The light; the camera's picture is centred in it at the reference time.
+    path : CameraPath
+        Poses of the camera.
+    velocity : (float, float)
+        (x, y) in px of `light` per second.
     """
-    x, y, z, w = 0.0, 0.0, 0.0, 1.0
-    quaternions = [(x, y, z, w)]
-    for a, b, c, d in steps.as_quat().tolist():
-        x, y, z, w = (
-            d * x + w * a + (b * z - c * y),
-            d * y + w * b + (c * x - a * z),
-            d * z + w * c + (a * y - b * x),
-            d * w - a * x - b * y - c * z,
+
+    def __init__(
+        self, light: NDArray[np.float32], path: CameraPath, velocity: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
+        frame, stored = path.frame, path.frame.stored
+        height, width = light.shape[:2]
+        #: Column and row of the picture's corner in `light`.
+        self.corner = (width - stored.width) // 2, (height - stored.height) // 2
+        left, top = self.corner
+        self._corner = (height - stored.height - top, left) if frame.quarter else self.corner
+        planes = np.atleast_3d(frame.image(light)).astype(np.float64)
+        self._coefficients = np.stack(
+            [ndimage.spline_filter(part, 3, output=np.float32, mode="mirror") for part in np.moveaxis(planes, -1, 0)],
+            axis=-1,
         )
-        norm = math.sqrt(x * x + y * y + z * z + w * w)
-        x, y, z, w = x / norm, y / norm, z / norm, w / norm
-        quaternions.append((x, y, z, w))
-    return Rotation(quaternions, normalize=False)
+        self._path, self._velocity, self._channels = path, np.array(frame.shift(velocity)), light.shape[2:]
+
+    def picture(self, times: FloatArray, reference: float) -> NDArray[np.float32]:
+        """Return the mean picture at `times` (H, T) of each row of the upright frame, as stored."""
+        return stored_picture(self.seen(times, reference), self._path.frame, self._channels)
+
+    def seen(self, times: FloatArray, reference: float) -> NDArray[np.float32]:
+        """Return the mean of what the camera sees at `times` (H, T) of each row, upright, shape (H, W, C)."""
+        camera, (left, top) = self._path.camera, self._corner
+        # A thing that has moved by v t is seen where the one at rest is v t before.
+        shift = np.broadcast_to(np.eye(3), (*times.shape, 3, 3)).copy()
+        shift[..., :2, 2] = (left, top) - (times - reference)[..., None] * self._velocity
+        if camera.distortion_model != "none":
+            return self._through_lens(times, reference, shift[..., :2, 2])
+        warps = shift @ camera.matrix @ self._path.turns(times, reference) @ np.linalg.inv(camera.matrix)
+        seen: NDArray[np.float32] = average_warps(self._coefficients, warps, camera.width)
+        return seen
+
+    def _through_lens(self, times: FloatArray, reference: float, shift: FloatArray) -> NDArray[np.float32]:
+        """Return the same for a distorting lens, whose warps are not homographies: pixels are traced."""
+        camera, coefficients = self._path.camera, self._coefficients
+        grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
+        directions = _undistorted((grid - np.array(camera.principal_point)) / np.array(camera.focal_length), camera)
+        turns = self._path.turns(times, reference)
+        out = np.empty((camera.height, camera.width, coefficients.shape[2]), dtype=np.float32)
+        for y in range(camera.height):
+            points = _distorted(np.einsum("tij,xj->txi", turns[y], directions[y]), camera)
+            at = points * camera.focal_length + camera.principal_point + shift[y][:, None]
+            for c in range(out.shape[2]):
+                values = ndimage.map_coordinates(
+                    coefficients[..., c], [at[..., 1], at[..., 0]], order=3, mode="mirror", prefilter=False
+                )
+                out[y, :, c] = values.mean(axis=0)
+        return out
 
 
-def _through_lens(
-    coefficients: NDArray[np.float32], path: CameraPath, times: FloatArray, reference: float, left: int, top: int
-) -> NDArray[np.float32]:
-    """Return the same as `average_warps` for a distorting lens, whose warps are not homographies: pixels are traced."""
-    camera = path.camera
-    grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
-    directions = _undistorted((grid - np.array(camera.principal_point)) / np.array(camera.focal_length), camera)
-    turns = path.turns(times, reference)
-    out = np.empty((camera.height, camera.width, coefficients.shape[2]), dtype=np.float32)
-    for y in range(camera.height):
-        at = (
-            _distorted(np.einsum("tij,xj->txi", turns[y], directions[y]), camera) * camera.focal_length
-            + camera.principal_point
-        )
-        for c in range(out.shape[2]):
-            values = ndimage.map_coordinates(
-                coefficients[..., c], [at[..., 1] + top, at[..., 0] + left], order=3, mode="mirror", prefilter=False
-            )
-            out[y, :, c] = values.mean(axis=0)
-    return out
+def stored_picture(upright: NDArray[np.float32], frame: ReadoutFrame, channels: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return an upright picture (H, W, C) as stored, contiguous, with the axes of the scene."""
+    stored = frame.stored
+    return np.ascontiguousarray(frame.back(upright)).reshape(stored.height, stored.width, *channels)
 
 
 # A second implementation of the lens, from OpenCV's documentation, with other inverses than `rsdeblur.motion.lens`.

@@ -268,16 +268,9 @@ def exposures_from_timestamps(
         Exposure time in s, one for all frames or one for each.
     start, epoch_ns
         Timestamp of the first frame, see :class:`rsdeblur.Exposure`.
-
-    Raises
-    ------
-    InputError
-        If the number of exposure times is not that of the frames.
     """
-    durations = list(duration) if isinstance(duration, Iterable) else [duration] * len(clip)
-    if len(durations) != len(clip):
-        raise InputError(f"{clip.path}: {len(clip)} frames, but {len(durations)} exposure times")
-    return [Exposure(start + time, each, epoch_ns) for time, each in zip(clip.times, durations, strict=True)]
+    durations = duration if isinstance(duration, Iterable) else [duration] * len(clip)
+    return [Exposure(start + time, each, epoch_ns) for time, each in zip(clip.times, durations, strict=False)]
 
 
 def exposures_from_captures(

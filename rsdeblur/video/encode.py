@@ -44,7 +44,7 @@ OPTIONS = {
     "libvpx-vp9": {"b": "0", "deadline": "good", "cpu-used": "3", "auto-alt-ref": "0", "lag-in-frames": "0"},
     "libsvtav1": {"preset": "8", "svtav1-params": "pred-struct=1"},
 }
-# Frames whose time is taken to estimate that of all.
+# Frames whose time is taken to estimate that of all: the start of the encoder counts little among several.
 TRIAL = 4
 
 
@@ -230,7 +230,7 @@ def deblur_video(
         left = [old.type for old in source.streams if old not in copies]
         left.remove("video")
         ends = dict(zip(clip.timestamps, (*clip.timestamps[1:], clip.end), strict=True))
-        with closing(_new_items(plan, source, copies, encoding.pixels, jobs)) as items:
+        with closing(_items(plan, source, copies, encoding.pixels, jobs)) as items:
             for item in items:
                 with _writing(output):
                     if isinstance(item, av.Packet):
@@ -323,37 +323,26 @@ def _add_streams(
     return stream, copies
 
 
-def _items(plan: ClipPlan, source: Any, copies: dict[Any, Any]) -> Iterator[Any]:
-    """Yield the numbers of the frames with the frames, and the packets of the copied streams, as the file has them."""
+def _items(plan: ClipPlan, source: Any, copies: dict[Any, Any], pixels: str, jobs: int) -> Generator[Any, None, None]:
+    """Yield the new frames in their order, and the packets of the copied streams; `jobs + 1` frames are under way."""
     clip, pictures = plan.clip, source.streams.video[0]
     pictures.thread_type = "AUTO"
     numbers = {timestamp: number for number, timestamp in enumerate(clip.timestamps)}
-    for packet in source.demux(pictures, *copies):
-        if packet.stream is pictures:
-            for frame in packet.decode():
-                if (number := numbers.pop(frame.pts, None)) is not None:
-                    yield number, frame
-        elif packet.dts is not None and packet.size:
-            yield packet
-    if numbers:
-        raise FileFormatError(f"{clip.path}: {len(numbers)} of {len(clip)} frames cannot be decoded")
-
-
-def _new_items(
-    plan: ClipPlan, source: Any, copies: dict[Any, Any], pixels: str, jobs: int
-) -> Generator[Any, None, None]:
-    """Yield the new frames in their order, and the packets of the copied streams; `jobs + 1` frames are under way."""
     waiting: deque[Future[Any]] = deque()
     pool = ThreadPoolExecutor(jobs)
     try:
-        for item in _items(plan, source, copies):
-            if isinstance(item, av.Packet):
-                yield item
+        for packet in source.demux(pictures, *copies):
+            if packet.stream is not pictures:
+                if packet.dts is not None and packet.size:
+                    yield packet
                 continue
-            number, frame = item
-            waiting.append(pool.submit(_restored, plan, number, frame, pixels))
-            if len(waiting) > jobs + 1:
-                yield waiting.popleft().result()
+            for frame in packet.decode():
+                if (number := numbers.pop(frame.pts, None)) is not None:
+                    waiting.append(pool.submit(_restored, plan, number, frame, pixels))
+                if len(waiting) > jobs + 1:
+                    yield waiting.popleft().result()
+        if numbers:
+            raise FileFormatError(f"{clip.path}: {len(numbers)} of {len(clip)} frames cannot be decoded")
         while waiting:
             yield waiting.popleft().result()
     finally:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import KEEP, VERDICTS, Chroma, Transfer
-from rsdeblur.deconv.wavelet import median_prior
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck
 from rsdeblur.estimate.refine import REFINED_FRAMES, Refinement, refine
@@ -30,7 +29,7 @@ from rsdeblur.video import QUALITY
 from rsdeblur.video.clip import Clip, av, frames, values_of
 
 ColorTrc = av.video.reformatter.ColorTrc
-# Number of frames, spread over the video, whose noise and brightness represent all.
+# Number of frames, spread over the video, whose noise and brightness represent all: the median of an odd number is one.
 SAMPLE_FRAMES = 5
 
 
@@ -49,11 +48,12 @@ class ClipPlan:
     options : Options
         Options of every frame.
     strengths : Strengths
-        Strengths of every frame.
+        Strengths of every frame: those of the sample frame with the median noise.
     tiles : (int, int)
         Most bands and most strips of a sample frame.
     psf_size : (int, int)
-        Height and width of the largest kernel of any frame, px of the frames as stored.
+        Height and width of the largest kernel of a sample frame, px of the frames as stored; that with the longest path
+        is one.
     lengths : tuple of float
         Length of the longest path in each frame, px; NaN where there is a reason.
     shares : tuple of float
@@ -81,12 +81,12 @@ class ClipPlan:
     @property
     def treated(self) -> int:
         """Number of frames that are deblurred."""
-        return sum(share > 0 for share in self.shares)
+        return int(np.count_nonzero(self.shares))
 
     @property
     def largest(self) -> float:
         """Length of the longest path in the frames that are deblurred, px."""
-        return max(length for length, share in zip(self.lengths, self.shares, strict=True) if share > 0)
+        return float(np.nanmax(self.lengths))
 
     @property
     def chroma(self) -> Chroma:
@@ -164,43 +164,36 @@ def plan_clip(
     # Highlights that are separated in some frames only would flicker, and so would rows in some and tiles in others.
     options = replace(options, transfer=transfer, saturation="ignore", mode=options.mode_in_effect)
     report_progress = progress or (lambda stage, fraction: None)
-    measures, reasons = _measure(clip, log, camera, exposures, options, report_progress)
-    refinement = None
+    recording, refinement = (log, camera, exposures), None
+    lengths, reasons = _measure(clip, *recording, options, report_progress)
     if options.refine:
-        refinement = _refinement(clip, log, camera, exposures, measures, options, report_progress)
-        options = replace(options, refine=False)
-    if refinement is not None and refinement.accepted:
-        log, camera = refinement.log, refinement.camera
-        measures, reasons = _measure(clip, log, camera, exposures, options, report_progress)
-    lengths, shares = np.full(len(clip), np.nan), np.zeros(len(clip))
-    numbers = measures[:, 0].astype(int)
-    lengths[numbers] = measures[:, 1]
-    shares[numbers] = 1.0 if above == 0 else np.clip(measures[:, 1] / above - 1.0, 0.0, 1.0)
-    measures = measures[shares[numbers] > 0]
-    if not len(measures):
+        refinement = _refinement(clip, *recording, lengths, options, report_progress)
+        log, camera, options = refinement.log, refinement.camera, replace(options, refine=False)
+        if refinement.accepted:
+            lengths, reasons = _measure(clip, log, camera, exposures, options, report_progress)
+    shares = np.nan_to_num(np.clip(lengths / above - 1.0, 0.0, 1.0)) if above else 1.0 * np.isfinite(lengths)
+    (treated,) = np.nonzero(shares)
+    if not len(treated):
         raise InputError(
             f"no frame is blurred by more than {above:g} px, the largest blur is "
             f"{np.nanmax(lengths):.2g} px; there is nothing to deblur unless all frames are requested (--above 0)"
         )
-    reach = measures[:, 2:4].max(axis=0)[:: -1 if camera.horizontal_readout else 1]
-    good = measures[:, 0].astype(int)
-    # Frames spread over the video decide the strengths; those with the fastest change need most tiles.
-    spread = _spread(good, SAMPLE_FRAMES)
-    samples: list[Plan] = []
-    checks: list[QualityCheck] = []
-    for i in sorted({*spread, *good[measures[:, 4:].argmax(axis=0)].tolist()}):
+    # Frames spread over the video decide; the one with the longest paths has the largest kernels.
+    spread, samples, checks = _spread(treated, SAMPLE_FRAMES), list[Plan](), list[QualityCheck]()
+    for i in sorted({*spread, int(np.nanargmax(lengths))}):
         report_progress(f"sample frame {i}", 1.0)
         values = _values(clip, i)
         samples.append(plan(log, camera, exposures[i], options).prepare(values))
-        if i in spread and (check := samples[-1].apply(values).check if options.check else None) is not None:
+        if options.check and i in spread and (check := samples[-1].apply(values).check) is not None:
             checks.append(check)
-    banks = [sample.bank for sample in samples if sample.bank is not None]
+    banks = [sample.frame.bank(sample.bank) for sample in samples if sample.bank is not None]
+    strengths = [sample.strengths for sample in samples if sample.strengths is not None]
     return ClipPlan(
         *(clip, log, camera, tuple(exposures), tuple(reasons)),
         options=replace(options, check=False),
-        strengths=_median_strengths(samples),
+        strengths=sorted(strengths, key=lambda each: each.nsr)[len(strengths) // 2],
         tiles=(max(len(bank.rows) for bank in banks), max(len(bank.cols) for bank in banks)),
-        psf_size=(2 * int(reach[0]) + 3, 2 * int(reach[1]) + 3),
+        psf_size=(max(bank.size[0] for bank in banks), max(bank.size[1] for bank in banks)),
         lengths=tuple(lengths.tolist()),
         shares=tuple(shares.tolist()),
         check=_median_check(checks, clip),
@@ -225,21 +218,19 @@ def _refinement(
     log: GyroLog,
     camera: Camera,
     exposures: Sequence[Exposure],
-    measures: FloatArray,
+    lengths: FloatArray,
     options: Options,
     report_progress: Progress,
 ) -> Refinement:
     """Return the correction of the recording by frames of the more blurred half, or by both of two."""
-    lengths = measures[:, 1]
-    least = min(np.median(lengths), np.sort(lengths)[-2:][0])
-    chosen = _spread(measures[lengths >= least, 0].astype(np.intp), REFINED_FRAMES)
-    if len(chosen) < 2:
-        raise InputError(f"{clip.path}: refine=True needs two blurred frames that the log covers, got {len(chosen)}")
+    covered = np.flatnonzero(np.isfinite(lengths))
+    if len(covered) < 2:
+        raise InputError(f"{clip.path}: refine=True needs two blurred frames that the log covers, got {len(covered)}")
+    least = min(np.median(lengths[covered]), np.sort(lengths[covered])[-2])
+    chosen = _spread(covered[lengths[covered] >= least], REFINED_FRAMES)
     first, *_ = refine(
         (_values(clip, i) for i in chosen),
-        log,
-        camera,
-        [exposures[i] for i in chosen],
+        *(log, camera, [exposures[i] for i in chosen]),
         translation=options.translation,
         transfer=options.transfer,
         threads=options.threads,
@@ -273,17 +264,6 @@ def _clip_transfer(clip: Clip) -> Transfer:
     return "linear" if clip.transfer == ColorTrc.LINEAR else "srgb"
 
 
-def _median_strengths(samples: Sequence[Plan]) -> Strengths:
-    strengths = [sample.strengths for sample in samples if sample.strengths is not None]
-    weights = [each.weight for each in strengths if each.weight is not None]
-    nsr, peak, tile_nsr = (
-        float(np.median([getattr(each, name) for each in strengths])) for name in ("nsr", "peak", "tile_nsr")
-    )
-    learned = [each.wavelet for each in strengths if each.wavelet is not None]
-    wavelet = median_prior(learned, peak) if learned else None
-    return Strengths(nsr, float(np.median(weights)) if weights else None, peak, tile_nsr, wavelet)
-
-
 def _measure(
     clip: Clip,
     log: GyroLog,
@@ -292,40 +272,34 @@ def _measure(
     options: Options,
     report_progress: Progress,
 ) -> tuple[FloatArray, list[str | None]]:
-    """Return measures of the frames that can be deblurred, and for each frame the reason why it cannot, or None.
+    """Return the length of the longest path in each frame, px, and the reason why it cannot be deblurred.
 
-    Columns of the measures: the frame's number; the length of the longest path, px; the blur's extent along y and
-    x, px; its change and its curvature, down the picture and across, which decide the number of tiles. All in the
-    upright frame.
+    One of both is NaN or None.
     """
-    frame = ReadoutFrame(camera)
-    measures, reasons = [], list[str | None]()
+    frame, lengths, reasons = ReadoutFrame(camera), np.full(len(clip), np.nan), list[str | None]()
     first_error: CoverageError | InputError | None = None
     for i, exposure in enumerate(exposures):
+        report_progress("measure all frames", (i + 1) / len(exposures))
         try:
             capture = captured(frame, log, exposure, options)
             # Paths at tiles' centres reach up to 1 px further than those probed, and kernels 1 px further than paths.
             check_reach(capture, spare=2)
+            lengths[i] = capture.probe.lengths.max()
+            reasons.append(None)
         except (CoverageError, InputError) as error:
             first_error = first_error or error
             reasons.append(str(error))
-            continue
-        finally:
-            report_progress("measure all frames", (i + 1) / len(exposures))
-        reasons.append(None)
-        probe = capture.probe
-        change = probe.change_down, probe.change_across, probe.curvature_down, probe.curvature_across
-        measures.append((i, probe.lengths.max(), *probe.extent, *change))
-    if not measures:
-        raise first_error or InputError(f"{clip.path}: the video has no frames to deblur")
-    return np.array(measures), reasons
+    if first_error is not None and None not in reasons:
+        raise first_error
+    return lengths, reasons
 
 
 def _median_check(checks: Sequence[QualityCheck], clip: Clip) -> QualityCheck | None:
-    """Return the median check of the sample frames, if there is any; warn if most are bad."""
+    """Return the median check of the sample frames, if there is any; warn if it is bad."""
     ranked = sorted(checks, key=lambda check: VERDICTS.index(check.verdict))
-    bad = [check for check in checks if check.verdict == "bad"]
-    if 2 * len(bad) > len(checks):
-        share = f"{len(bad)} of {len(checks)} sample frames come out bad"
-        warnings.warn(f"{clip.path}: {share}: {' '.join(bad[0].reasons)}", RsdeblurWarning, stacklevel=3)
-    return ranked[len(ranked) // 2] if ranked else None
+    median = ranked[len(ranked) // 2] if ranked else None
+    if median is not None and median.verdict == "bad":
+        count = sum(check.verdict == "bad" for check in checks)
+        share = f"{count} of {len(checks)} sample frames come out bad"
+        warnings.warn(f"{clip.path}: {share}: {' '.join(median.reasons)}", RsdeblurWarning, stacklevel=3)
+    return median

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rsdeblur._util import atomic
-from rsdeblur._util.atomic import atomic_write, remove_unfinished, reserve
+from rsdeblur._util.atomic import atomic_write, remove_unfinished
 from rsdeblur.errors import OutputError
 from rsdeblur.io.picture_output import picture_to_fill
 from rsdeblur.io.pictures import Picture
@@ -97,14 +96,3 @@ def test_a_full_disk_is_an_error_before_the_map_is_written(tmp_path: Path, monke
     ):
         pytest.fail("the map was made")
     assert not list(tmp_path.iterdir())
-
-
-def test_space_is_reserved_without_the_system_call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr(os, "posix_fallocate", raising=False)
-    monkeypatch.setattr(atomic, "BLOCK", 4096)
-    with open(tmp_path / "a", "x+b") as file:
-        file.write(b"head")
-        file.truncate(100_000)
-        reserve(file)
-        assert 512 * os.fstat(file.fileno()).st_blocks >= 100_000
-    assert (tmp_path / "a").read_bytes() == b"head" + bytes(99_996)

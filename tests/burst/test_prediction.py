@@ -6,20 +6,22 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, Exposure, hand_shake
-from rsdeblur.burst.solution import predicted, rectangles
+from rsdeblur.burst.solution import predicted
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.motion import Capture
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.simulation.scene import scene
 
-SHAPE = 300, 400
+# Two blocks, of which one shows no spot.
+SHAPE = 200, 1200
 
 
 @pytest.fixture(scope="module")
 def bank() -> PsfBank:
-    capture = Capture.from_log(hand_shake(0.5, seed=4), Camera(400, 300, 450.0, readout_time=0.02), Exposure(0.1, 0.05))
-    return PsfBank.from_paths(BlurPaths.from_capture(capture, tile_centres(4, 300), tile_centres(3, 400)))
+    camera = Camera(1200, 200, 1300.0, readout_time=0.02)
+    capture = Capture.from_log(hand_shake(0.5, seed=4), camera, Exposure(0.1, 0.02))
+    return PsfBank.from_paths(BlurPaths.from_capture(capture, tile_centres(4, 200), tile_centres(3, 1200)))
 
 
 def mask(kind: str) -> np.ndarray:
@@ -27,19 +29,10 @@ def mask(kind: str) -> np.ndarray:
     if kind == "margins":
         wanted[:20] = wanted[:, -5:] = True
     elif kind == "spots":
-        wanted[[10, 150, 299], [399, 200, 0]] = True
+        wanted[[10, 150, 199], [399, 200, 0]] = True
     elif kind == "all":
         wanted[...] = True
     return wanted
-
-
-@pytest.mark.parametrize("kind", ["none", "margins", "spots", "all"])
-def test_rectangles_are_disjoint_and_cover_the_mask(kind: str) -> None:
-    count = np.zeros(SHAPE, dtype=int)
-    for part in rectangles(mask(kind)):
-        count[part] += 1
-    assert count.max() <= 1
-    assert count[mask(kind)].all()
 
 
 @pytest.mark.parametrize("kind", ["none", "margins", "spots", "all"])
@@ -51,7 +44,7 @@ def test_parts_show_what_the_whole_does(bank: PsfBank, kind: str) -> None:
         assert np.isnan(got[part]).all()
         got[part] = blurred
     assert np.isfinite(got[wanted]).all()
-    assert np.isnan(got).any() == (kind != "all")
+    assert np.isnan(got).any() == (kind in ("none", "spots"))
     tall, wide = bank.size
     # Beyond the frame both continue the picture, but fade it into different opposite borders.
     inner = np.zeros(SHAPE, dtype=bool)

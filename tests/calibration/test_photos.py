@@ -57,7 +57,7 @@ def test_what_is_determined_is_within_three_deviations(calibration):
 def test_a_left_handed_log_is_refused(photos):
     """The spectra of reversed paths are the same; the sharp pictures are not."""
     mirrored = GyroLog(RECORDED.t, -RECORDED.omega)
-    found = calibrate_photos(photos, EXPOSURES, mirrored, START, search=(0.0, 0.0))
+    found = calibrate_photos(photos[:3], EXPOSURES[:3], mirrored, START, search=(0.0, 0.0))
     assert not found.accepted
     assert "left-handed" in found.reason
     assert found.camera is START

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,13 +18,14 @@ def sharp():
     return scene(112, 144)
 
 
-def test_a_clip_of_one_frame_is_a_photo(sharp):
+@pytest.mark.parametrize("distortion", [{}, {"distortion_model": "radtan", "distortion": [0.1, 0.0, 0.01, 0.0]}])
+def test_a_clip_of_one_frame_is_a_photo(sharp, distortion):
     """Both are the scene at the mid-exposure of the middle row."""
-    log, exposure = hand_shake(0.5, seed=3), Exposure(0.2, 0.03)
-    (frame,) = simulate_clip(sharp, log, CAMERA, [exposure], samples=12)
-    photo = simulate(sharp, log, CAMERA, exposure, samples=12).blurred
-    # The orientation is integrated in steps of 0.5 ms instead of 0.05 ms; a thousandth of a pixel changes an edge so.
-    assert np.abs(frame - photo).max() < 1e-3
+    log, exposure, camera = hand_shake(0.5, seed=3), Exposure(0.2, 0.03), replace(CAMERA, **distortion)
+    (frame,) = simulate_clip(sharp, log, camera, [exposure], samples=12)
+    photo = simulate(sharp, log, camera, exposure, samples=12).blurred
+    # Both integrate alike; the middle of the readout, summed in another order, differs by float64's rounding.
+    np.testing.assert_allclose(frame, photo, atol=1e-6)
 
 
 def test_a_still_camera_films_the_scene(sharp):
@@ -36,12 +39,8 @@ def test_a_still_camera_films_the_scene(sharp):
 
 def test_refused(sharp):
     log = hand_shake(0.5)
-    for camera, exposures in (
-        (CAMERA, []),
-        (Camera(96, 72, 110.0, distortion_model="radtan", distortion=[0.1] * 4), [Exposure(0.2, 0.01)]),
-    ):
-        with pytest.raises(InputError, match="without lens distortion"):
-            simulate_clip(sharp, log, camera, exposures)
+    with pytest.raises(InputError, match="at least one exposure"):
+        simulate_clip(sharp, log, CAMERA, [])
     # Arguments are checked before the first frame is requested.
     with pytest.raises(InputError, match="noise must be at most"):
         simulate_clip(sharp, log, CAMERA, [Exposure(0.2, 0.01)], noise=1e30)
