@@ -88,10 +88,11 @@ def _plan(planning: Planning) -> None:
     np.testing.assert_allclose(sharp, image, atol=1e-4)
 
 
-def _plan_anew() -> None:
-    # The parent has loaded its wisdom already.
+def _plan_anew(planning: Planning) -> None:
+    # The parent has loaded its wisdom, and measured plans.
     fft._recall.cache_clear()
-    _plan("estimate")
+    fft._measured.clear()
+    _plan(planning)
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -171,7 +172,7 @@ def test_damaged_wisdom_is_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         for _ in range(rng.choice((1, 3, 30))):
             data[rng.randrange(len(data))] = rng.choice((rng.randrange(256), ord(")"), ord("("), ord("9"), 0))
         file.write_bytes(data[: rng.choice((len(data), rng.randrange(len(data))))])
-        process = get_context("fork").Process(target=_plan_anew)
+        process = get_context("fork").Process(target=_plan_anew, args=("estimate",))
         process.start()
         process.join()
         assert process.exitcode == 0
@@ -179,7 +180,7 @@ def test_damaged_wisdom_is_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_two_processes_plan_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    pair = [get_context("spawn").Process(target=_plan, args=("measure",)) for _ in range(2)]
+    pair = [get_context("fork").Process(target=_plan_anew, args=("measure",)) for _ in range(2)]
     for process in pair:
         process.start()
     for process in pair:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rsdeblur.deconv.tiling import hat_weights
-from rsdeblur.errors import FileFormatError, InputError, OutputError
+from rsdeblur.errors import FileFormatError, OutputError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.paths import BlurPaths, Capture
@@ -49,31 +49,6 @@ class TestKernels:
         for array in (bank.kernels, bank.rows, bank.cols):
             assert not array.flags.writeable
 
-    @pytest.mark.parametrize(
-        ("kernels", "message"),
-        [
-            (np.ones((2, 3)) / 6, "odd sizes, .* got 2x3"),
-            (np.stack([np.full((3, 3), 1 / 9), np.full((3, 3), 0.112)]), "a sum of 1.008"),
-            (np.full((3, 3), math.nan), "kernels must be finite"),
-            (np.ones(1), "must have shape"),
-            (np.ones((3, 0, 3)), r"got \(3, 0, 3\)"),
-        ],
-    )
-    def test_refuses(self, kernels, message):
-        with pytest.raises(InputError, match=message):
-            PsfBank.for_picture(kernels, (40, 60))
-
-    @pytest.mark.parametrize(
-        ("rows", "cols", "message"),
-        [
-            ([0, 1], [0, 1], r"rows must have shape \(3\), got \(2,\)"),
-            ([0, 1, 2], [1, 1], "cols must increase"),
-        ],
-    )
-    def test_centres_fit_the_kernels(self, rows, cols, message):
-        with pytest.raises(InputError, match=message):
-            PsfBank(random_bank().kernels, rows, cols)
-
 
 class TestFromPaths:
     @pytest.fixture
@@ -101,19 +76,6 @@ class TestFromPaths:
             # bank may have shorter paths than the whole.
             larger = tuple(max(a, b) for a, b in zip(drawn.size, other.size, strict=True))
             np.testing.assert_allclose(other.padded(larger).kernels, drawn.padded(larger).kernels, atol=2e-7)
-
-    @pytest.mark.parametrize(
-        ("displacements", "message"),
-        [
-            (np.zeros((1, 1, 2)), r"displacements must have shape \(B, S, T, 2\) for 1 x 1 kernels"),
-            (np.zeros((1, 1, 1, 2)), "T >= 2 times"),
-            (np.full((1, 1, 2, 2), math.nan), "displacements must be finite"),
-            (np.array([[[[0.0, 0.0], [0.0, 1.2]]]]), "must lie within the kernels that draw them"),
-        ],
-    )
-    def test_refuses_paths_that_do_not_fit(self, displacements, message):
-        with pytest.raises(InputError, match=message):
-            PsfBank(np.ones((3, 3)) / 9, [4.0], [5.0], displacements)
 
 
 class TestCut:
@@ -162,8 +124,6 @@ class TestFile:
             assert other.softness == 0.6
         # What is drawn is cut off at three deviations.
         np.testing.assert_allclose(np.abs(np.arange(-2, 3)) ** 2 @ bank.kernels[0, 0].sum(axis=0), 0.36, rtol=0.05)
-        with pytest.raises(InputError, match="softness belongs to displacements"):
-            PsfBank(bank.kernels, bank.rows, bank.cols, softness=0.6)
 
     def test_name_is_kept(self, tmp_path):
         random_bank().save(tmp_path / "bank.psf")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, Deconvolver, Exposure, InputError, PsfBank, hand_shake
+from rsdeblur import Camera, Deconvolver, Exposure, PsfBank, hand_shake
 from rsdeblur.choices import Solver
 from rsdeblur.deconv import DerivativePrior, RowDeconvolver, TileQuadratic
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
@@ -117,15 +117,3 @@ def test_rowwise_frames_restore_what_each_has_lost(picture: np.ndarray, paths: l
 
     alone = [error(RowDeconvolver(p, SHAPE, nsr=0.003).apply(g)) for p, g in zip(paths, noisy, strict=True)]
     assert error(solver.apply(noisy)) < 0.6 * min(alone)
-
-
-def test_refusals(picture: np.ndarray) -> None:
-    bank = bar(3, 4)
-    with pytest.raises(InputError, match="sum to 1"):
-        BurstQuadratic([bank, bank], [0.5, 0.6], SHAPE)
-    with pytest.raises(InputError, match="share for each frame"):
-        BurstQuadratic([bank], [0.5, 0.5], SHAPE)
-    with pytest.raises(InputError, match="same places"):
-        BurstQuadratic([bank, PsfBank.for_picture(bank.kernels[:1], SHAPE)], [0.5, 0.5], SHAPE)
-    with pytest.raises(InputError, match="planned for 1 pictures"):
-        BurstQuadratic([bank], [1.0], SHAPE).apply([picture, picture])

@@ -12,7 +12,6 @@ from rsdeblur import (
     Camera,
     Deconvolver,
     Exposure,
-    InputError,
     Options,
     PsfBank,
     deblur,
@@ -101,8 +100,6 @@ def test_own_kernels_have_full_colours_and_paths_may_have_half(capture):
 @pytest.mark.parametrize("options", [{"prior": "wavelet"}, {"border": "unknown"}], ids=str)
 def test_where_colours_are_full(options):
     assert Options(**options).chroma_in_effect == "full"
-    with pytest.raises(InputError, match="half colours go with"):
-        Options(chroma="half", **options)
 
 
 def test_the_wiener_filter_alone_is_that_of_the_paper():

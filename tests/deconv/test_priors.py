@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Deconvolver, InputError, PsfBank
+from rsdeblur import Deconvolver, PsfBank
 from rsdeblur.deconv.priors import (
     DERIVATIVES,
     GRADIENT,
@@ -192,33 +192,6 @@ def test_gradients_that_all_vanish_stop_nothing() -> None:
     first.prepare(noise)
     # The first solve alone amplifies the noise.
     assert result.std() < first.solve(0.001 * PENALTIES[0]).std() / 2
-
-
-@pytest.mark.parametrize(
-    ("kwargs", "message"),
-    [
-        ({"prior": "lasso"}, "kind must be one of gradient, hyper-laplacian, tv"),
-        ({"weight": 0.0}, "weight must be greater than 0"),
-        ({"exponent": 1.5}, "exponent must be at most 1"),
-    ],
-)
-def test_bad_arguments_are_refused(blurred: np.ndarray, kwargs: dict[str, object], message: str) -> None:
-    arguments = {"prior": "hyper-laplacian", "weight": 0.01} | kwargs
-    with pytest.raises(InputError, match=message):
-        restore(solver(), blurred, **arguments)
-
-
-def test_bad_solvers_and_pictures_are_refused(blurred: np.ndarray) -> None:
-    with pytest.raises(InputError, match="nsr must be at least 0"):
-        solver(nsr=-1.0)
-    with pytest.raises(InputError, match="holds no picture"):
-        solver().solve(1.0)
-    with pytest.raises(InputError, match="planned shape"):
-        restore(solver(), blurred[1:], prior="gradient", weight=0.01)
-    with pytest.raises(InputError, match="image must be finite"):
-        restore(solver(), np.where(blurred == blurred[1, 1], np.inf, blurred), prior="gradient", weight=0.01)
-    with pytest.raises(InputError, match="linear light as floats"):
-        restore(solver(), blurred.astype(np.uint8), prior="gradient", weight=0.01)
 
 
 @pytest.mark.parametrize("prior", ["gradient", "tv"])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from rsdeblur.deconv.tiling import Tiling, hat_weights
-from rsdeblur.errors import InputError
 from rsdeblur.psf import tile_centres
 
 N = 1000
@@ -63,9 +62,3 @@ def test_weights_interpolate_linearly():
     values = np.array([3.0, -1.0, 7.0])
     expected = np.interp(np.arange(50), centres, values)
     np.testing.assert_allclose(values @ hat_weights(centres, 50), expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("centres", [[10.2, 10.4, 10.6], [-50.0, -40.0, 30.0]], ids=["between pixels", "outside"])
-def test_a_tile_without_a_pixel_is_refused(centres):
-    with pytest.raises(InputError, match="must lie within the picture's 64 px, a pixel or more apart, got 3 from"):
-        Tiling.plan(np.array(centres), 64, 1, 0, periodic=False)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from rsdeblur import Camera, Exposure, InputError, Options, PsfBank, deblur, deconvolve
+from rsdeblur import Camera, Exposure, PsfBank, deblur, deconvolve
 from rsdeblur.deconv import unknown_border
 from rsdeblur.deconv.coupling import TO_PICTURE
 from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic
@@ -111,16 +111,3 @@ def test_a_motion_blends_borders() -> None:
     other = deblur(picture, log, camera, exposure, prior="tv", border="unknown")
     assert np.isfinite(other.image).all()
     assert not np.array_equal(other.image, images[0])
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"prior": "wiener"}, "the prior wiener takes no border unknown"),
-        ({"mode": "rowwise"}, "the mode rowwise takes no border unknown"),
-        ({"max_memory": 10**9}, "needs the whole picture at once"),
-    ],
-)
-def test_what_cannot_be_combined_is_refused(options: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        Options(border="unknown", **options)

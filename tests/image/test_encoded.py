@@ -12,7 +12,7 @@ from PIL import Image
 from skimage import data
 from skimage.util import img_as_float, img_as_ubyte
 
-from rsdeblur import Camera, Exposure, InputError, RsdeblurWarning, from_linear, hand_shake, scene, simulate, to_linear
+from rsdeblur import Camera, Exposure, RsdeblurWarning, from_linear, hand_shake, scene, simulate, to_linear
 from rsdeblur.image.encoded import EncodedImage, reduced
 
 CAMERA = Camera(120, 90, 200.0, readout_time=0.02)
@@ -75,10 +75,3 @@ def test_simulated_light_does_not_warn_and_its_photo_does(noise):
         blurred = simulate(sharp, log, Camera(120, 80, 150.0), exposure, noise=noise).blurred.clip(0, 1)
         assert not is_doubted(blurred)
         assert is_doubted(img_as_float(img_as_ubyte(from_linear(blurred, "srgb"))))
-
-
-def test_what_is_not_the_cameras_is_refused():
-    with pytest.raises(InputError, match="turned by a quarter"):
-        reduced(np.zeros((120, 90)), CAMERA, 60)
-    with pytest.raises(InputError, match="side"):
-        reduced(np.zeros((90, 120)), CAMERA, 0)

@@ -15,7 +15,7 @@ SHAPE = 45, 58
 def combined(planes, variances, means, factors):
     out = np.empty([n - 2 * HALO for n in planes.shape[1:]], np.float32)
     work = np.zeros((WORK + len(planes), *planes.shape[1:]), np.float32)
-    frame.combine(planes.copy(), variances, means, factors, GATES, work, out)
+    frame.combine(planes.copy(), variances, means, np.repeat(factors, 2, axis=-1)[..., ::2], GATES, work, out)
     return out
 
 

@@ -58,33 +58,6 @@ def test_blend_adds_weighted_positions_and_touches_no_other(kernels, n):
     np.testing.assert_allclose(accumulator, expected, **TOLERANCE)
 
 
-@needs_native
-class TestMisuse:
-    """The binding refuses arguments that would make the C code read or write beyond an array."""
-
-    @pytest.mark.parametrize("shape", [(1, 4, 6), (2, 5, 6)])
-    def test_responses_of_another_shape(self, shape):
-        rng = np.random.default_rng(4)
-        with pytest.raises(ValueError, match="responses"):
-            native.multiply(complex_noise(rng, 1, 2, 5, 6), complex_noise(rng, *shape))
-
-    @pytest.mark.parametrize(
-        ("channels", "spans"),
-        [
-            *((2, [span]) for span in ((-1, 0, 4), (7, 0, 4), (0, -1, 4), (0, 3, 4), (0, 0, 5), (0, 0, -1))),
-            *((2, [3 * (end,)]) for end in (2**31 - 1, -(2**31))),
-            (1, [(0, 0, 4)]),
-            (2, 2 * [(0, 0, 4)]),
-            (2, [(0, 0)]),
-        ],
-    )
-    def test_spans_out_of_range_or_of_another_shape(self, channels, spans):
-        rng = np.random.default_rng(4)
-        whole, slabs = complex_noise(rng, channels, 5, 10), complex_noise(rng, 1, 2, 5, 6)
-        with pytest.raises(ValueError, match=r"spans|channels"):
-            native.blend(whole, slabs, np.ones((1, 4), np.float32), np.array(spans, np.int32))
-
-
 @pytest.mark.parametrize("n", [1, 2, 3, 8, 37])
 def test_spectra_of_pairs_become_those_of_real_lines_and_back(kernels, n):
     values = np.random.default_rng(5).uniform(-1, 1, (2, 3, 2 * n)).astype(np.float32)
@@ -100,21 +73,3 @@ def test_spectra_of_pairs_become_those_of_real_lines_and_back(kernels, n):
     back = np.empty_like(pairs)
     kernels.pair(spectra, 2, spectral.turns(n), back)
     np.testing.assert_allclose(back, 2 * pairs, rtol=0, atol=1e-5)
-
-
-@pytest.mark.skipif(native is None, reason=f"no C extension: {why_pure}")
-@pytest.mark.parametrize(
-    ("pairs", "turns", "spectra", "top", "message"),
-    [
-        ((2, 3, 5), 5, (1, 4, 8), 0, "channels"),
-        ((2, 3, 5), 4, (2, 4, 8), 0, "turns"),
-        ((2, 3, 5), 5, (2, 4, 5), 0, "spectra one more"),
-        ((2, 3, 5), 5, (2, 4, 8), 2, "top"),
-    ],
-)
-def test_pairs_that_do_not_fit_their_spectra(pairs, turns, spectra, top, message):
-    pairs, turns, spectra = (np.ones(shape, np.complex64) for shape in (pairs, turns, spectra))
-    with pytest.raises(ValueError, match=message):
-        native.unpair(pairs, turns, spectra, top)
-    with pytest.raises(ValueError, match=message):
-        native.pair(spectra, top, turns, pairs)

@@ -55,16 +55,6 @@ class TestInverse:
         assert np.isnan(seen).all(axis=-1).tolist() == [False, False]
         assert np.isnan(seen[..., :2]).all(axis=-1).tolist() == [False, True]
 
-    @pytest.mark.parametrize(("model", "k"), [("radtan", (-1.5, 0.0, 0.0, 0.0)), ("fisheye", (-0.9, 0.0, 0.0, 0.0))])
-    def test_folds_are_refused(self, model, k):
-        with pytest.raises(InputError, match="folds the picture over itself"):
-            camera_of(model, k)
-
-    @pytest.mark.parametrize(("model", "k"), [("radtan", (0.1,)), ("fisheye", (0.1,) * 5), ("none", (0.1,))])
-    def test_the_number_of_coefficients_is_checked(self, model, k):
-        with pytest.raises(InputError, match=f"'{model}' must have .* coefficients, got {len(k)}"):
-            camera_of(model, k)
-
 
 class TestOracles:
     @MODELS

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, Exposure, GyroLog, InputError, triage
+from rsdeblur import Camera, Exposure, GyroLog, triage
 
 FOCAL = 400.0
 
@@ -34,8 +34,3 @@ def test_paths_are_as_long_as_the_turn_times_the_focal_length(direction: str) ->
     assert "does not cover" in found.reasons[4]
     assert found.counts == {"keep": 2, "deblur": 1, "drop": 1, "unknown": 1}
     assert not found.lengths.flags.writeable
-
-
-def test_thresholds_must_be_in_order() -> None:
-    with pytest.raises(InputError, match=r"drop must be .*at least 3"):
-        triage(steady(1.0), Camera(160, 120, FOCAL), [], keep=3.0, drop=2.0)

@@ -310,25 +310,6 @@ def test_no_seam_between_bands(log: GyroLog, monkeypatch: pytest.MonkeyPatch) ->
     assert seam(deblur(capture.blurred, log, CAMERA, EXPOSURE, bands=8).image, 8) > 2 * own
 
 
-@pytest.mark.parametrize(
-    ("image", "message"),
-    [
-        (np.zeros((192, 160)), "turned by a quarter"),
-        (np.zeros((80, 96)), r"--size 96x80 -o OUT, or camera.resized\(96, 80\)"),
-        (np.zeros((121, 144)), r"--size 144x121"),
-        (np.zeros((100, 100)), "camera.cropped"),
-        (np.zeros((160, 192, 5)), "C from 1 to 4"),
-        (np.zeros(7), "must have shape"),
-        (np.zeros((160, 192), dtype=np.int32), "must be uint8, uint16 or float, got int32"),
-        (np.zeros((160, 192), dtype=complex), "got complex128"),
-        (np.full((160, 192), np.nan), "finite"),
-    ],
-)
-def test_bad_pictures_are_refused(log: GyroLog, image: np.ndarray, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        deblur(image, log, CAMERA, EXPOSURE)
-
-
 def test_degrees_are_suspected_and_blur_beyond_the_picture_refused(log: GyroLog, capture: Simulation) -> None:
     with pytest.warns(RsdeblurWarning, match="degrees"):
         degrees = GyroLog(log.t, np.rad2deg(log.omega))
