@@ -1,6 +1,6 @@
 """Values that no picture, camera or solver can use: each is refused in one short message that names it.
 
-`test_public_door.py` holds what is of another type, `test_hostile_input.py` and `io` what files contain.
+`test_public_door.py` holds what is of another type, `io/test_unreadable.py` what files contain.
 """
 
 from __future__ import annotations
@@ -34,6 +34,10 @@ BLUR, WIENER = deconv.RowBlur(PATHS, WIDTH), rs.Deconvolver(BANK, SHAPE)
 T = np.linspace(0.0, 1.0, 11)
 STILL, NOWHERE = GyroLog(T, np.zeros((11, 3))), np.zeros((2, 3))
 POSES = np.tile([0.0, 0.0, 0.0, 1.0], (11, 1))
+SIGNALLING = [
+    np.full((9, 9), bits, f"u{size}").view(f"f{size}")
+    for size, bits in ((2, 0x7C01), (4, 0x7F800001), (8, 0x7FF0000000000001))
+]
 FISHEYE: dict[str, Any] = {"distortion_model": "fisheye", "distortion": (0.0,) * 4}
 # No message is longer.
 LONGEST = 400
@@ -122,6 +126,9 @@ SOLVERS: list[tuple[str, Call]] = [
     *((words, partial(rs.deconvolve, GREY, psf)) for words, psf in (
         ("odd sizes", KERNEL[:, :4]), ("sum to 1", 2 * KERNEL), ("larger than", np.full((201, 201), 201.0**-2)),
         ("rows of the PSFs .*500", PsfBank(KERNEL, [500.0], [10.0])), ("kernels must be", "kernel.png"))),
+    # Signalling NaNs warn where they are converted.
+    *(("image must be finite", partial(rs.deconvolve, signalling, KERNEL)) for signalling in SIGNALLING),
+    *(("psf.*must be finite", partial(rs.deconvolve, GREY, signalling)) for signalling in SIGNALLING),
     ("noise must be", lambda: rs.deconvolve(GREY, KERNEL, noise=-1.0)),
     *((name, partial(rs.deconvolve, GREY, KERNEL, **{name: None})) for name in ("mode", "bands", "refine")),
     ("a pixel or more apart", lambda: rs.Deconvolver(impulses(0.2, 5), SHAPE)),

@@ -14,7 +14,7 @@ from rsdeblur.errors import FileFormatError
 from rsdeblur.io import read_captures, read_clocks
 from rsdeblur.io.captures import open_captures
 from rsdeblur.motion.exposure import Exposure
-from tests._util.files import ANDROID, CAPTURES, EPOCH, IOS, NEXT, trailer
+from tests._util.files import ANDROID, CAPTURES, EPOCH, NEXT, trailer
 
 Write = Callable[..., Path]
 UNTIMED = ("timestamps", "named timestamps", "seconds", "euroc", "tum")
@@ -67,40 +67,6 @@ def test_clocks_of_a_session(write: Write, source: str, offset: float) -> None:
         "1560503966948\t1556709084554\t3794882394\n1562660845704\t1558865961853\t3794883851\n"
     )
     assert read_clocks(path).time_offset == pytest.approx(offset, abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [("1 2", "three whole numbers"), ("5 3 1", "not the difference"), ("9000000 0 9000000", "drift apart")],
-)
-def test_clocks_that_contradict_each_other(write: Write, line: str, message: str) -> None:
-    with pytest.raises(FileFormatError, match=f"line 3: .*{message}"):
-        read_clocks(write(f"# SENSOR_INFO_TIMESTAMP_SOURCE is UNKNOWN\n7 3 4\n{line}\n"))
-
-
-# Text, the line of the fault or 0 for the whole file, and words of the message.
-FAULTS = [
-    ("1000.5 20\n1033.8 20\n", 1, "the timestamps have fractions, so they are not in ns"),
-    ("5 100\n5 200\n", 2, "timestamp 5 ns occurs twice"),
-    ("1\n9\n5\n7\n", 3, "timestamp 5 ns comes after 9 ns"),
-    (f"{ANDROID}\nnull,1,1,1,5000000,1,1\n", 3, "'null' in column 1 is not a number"),
-    (f"{IOS}\n1,1,1,1,1,5000000\n2,1,1,1,1,0\n", 4, "impossible exposure time of 0 ns"),
-    ("1000000 0.05\n2000000 0.05\n", 1, "exposure time of 0.05 ns"),
-    ("1 100\n2", 2, "cut off"),
-    ("a b c\n", 1, "known formats: .*mars .*deepgyro"),
-    *((f"{text}0{name}\n33{name}\n66{name}\n", 0, "33 ns apart; name the unit") for text, name in (
-        ("", ""), ("timestamp\n", ""), ("", ",a.png"), ("", " 20"),
-    )),
-    ("", 0, "empty"),
-    (b"\x89PGN\0", 0, "binary"),
-    (ANDROID, 0, "no samples"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "line", "message"), FAULTS, ids=[str(fault[2]) for fault in FAULTS])
-def test_faults_name_the_file_and_the_line(write: Write, text: str | bytes, line: int, message: str) -> None:
-    with pytest.raises(FileFormatError, match=rf"log\.csv{f', line {line}' if line else '.*'}: .*{message}"):
-        read_captures(write(text), duration=0.01)
 
 
 def test_real_captures(data_dir: Path) -> None:

@@ -37,20 +37,6 @@ class TestZip:
         facts = assert_contains_the_samples(path, "sensorlogger", "phone")
         assert facts == {"device name": "SM-S931N", "platform": "android"}
 
-    @pytest.mark.parametrize(
-        ("names", "message"),
-        [
-            (["Accelerometer.csv"], r"/Accelerometer\.csv: .*another sensor"),
-            (["picture.png"], "no gyro log"),
-            (["[Content_Types].xml"], "spreadsheet"),
-            (["tuesday/Gyroscope.csv", "monday/Gyroscope.csv"], "more than one gyro log, monday.* and tuesday"),
-            (["b.csv", "Accelerometer.csv", "a.csv"], "more than one gyro log, a.csv and b.csv"),
-        ],
-    )
-    def test_refused(self, tmp_path: Path, names: list[str], message: str) -> None:
-        with pytest.raises(FileFormatError, match=rf"export\.zip.*{message}"):
-            read_gyro(zipped(tmp_path / "export.zip", *names))
-
     def test_an_app_s_format_comes_before_any_table(self, tmp_path: Path) -> None:
         """EuRoC's position of a laser is a table of four columns, as some gyro logs are."""
         laser = "#timestamp,p_x,p_y,p_z\n" + files.rows("{t},{x},{y},{z}")
@@ -62,10 +48,6 @@ def test_json_of_sensor_logger(write: Write) -> None:
     export = files.sensorlogger_json()
     facts = assert_contains_the_samples(write(export), "sensorlogger-json", "phone")
     assert facts == {"sensor": "Gyroscope", "device name": "phone", "platform": "ios"}
-    with pytest.raises(FileFormatError, match=r"log\.csv: not JSON, or cut off"):
-        read_gyro(write(export[:-9]), format="sensorlogger-json")
-    with pytest.raises(FileFormatError, match="lacks a number"):
-        read_gyro(write(export.replace(b'"y"', b'"v"')))
 
 
 class TestTrailer:
@@ -74,15 +56,6 @@ class TestTrailer:
             write(files.trailer(), "IMG.jpg"), "gyrodata", "phone", RATES.astype(np.float32)
         )
         assert facts == {"capture_ns": EPOCH + 99, "shutter_command_ns": EPOCH}
-
-    @pytest.mark.parametrize(("count", "oldest"), [(0, 0), (700, 0), (20, 21)])
-    def test_damaged(self, write: Write, count: int, oldest: int) -> None:
-        with pytest.raises(FileFormatError, match=r"IMG\.jpg: the GYRODATA trailer is damaged"):
-            read_gyro(write(files.trailer(count, oldest), "IMG.jpg"))
-
-    def test_a_jpeg_without_one(self, write: Write) -> None:
-        with pytest.raises(FileFormatError, match=r"IMG\.jpg: not a gyro log"):
-            read_gyro(write(files.trailer()[:-1], "IMG.jpg"))
 
 
 PLAIN = {"raw_imu": [[0.005 * i, *rate, 0, 0, 0] for i, rate in enumerate(RATES.tolist())]}
@@ -115,25 +88,6 @@ class TestGyroflowProject:
         np.testing.assert_allclose(omega[1] - omega[0], np.radians([[-1.0, 3.0, -2.0]] * len(RATES)), atol=1e-12)
         # roll turns about z
         np.testing.assert_allclose(omega[2], omega[0] @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-12)
-
-    @pytest.mark.parametrize(
-        ("raw", "message"),
-        [
-            ({}, "without gyro data.*video.mp4"),
-            ({"raw_imu": "é"}, "damaged"),
-            ({"raw_imu": files.base91(b"x\x9c" + bytes(9))}, "damaged"),
-            ({"raw_imu": [{"timestamp_ms": 0.0, "gyro": [1.0, 2.0]}]}, "damaged"),
-            ({"raw_imu": [[0.0, 1.0, 2.0, float("nan")], [1.0, 2.0, 3.0, 4.0]]}, "sample 0: impossible rates"),
-            ({"raw_imu": [[float("nan"), 1.0, 2.0, 3.0]]}, "sample 0: timestamp nan"),
-        ],
-    )
-    def test_faults(self, write: Write, raw: dict[str, Any], message: str) -> None:
-        with pytest.raises(FileFormatError, match=rf"log\.csv: .*{message}"):
-            read_gyro(write(files.project(raw)))
-
-    def test_cut_off(self, write: Write) -> None:
-        with pytest.raises(FileFormatError, match="not JSON, or cut off"):
-            read_gyro(write(files.project(PLAIN)[:-2]), format="gyroflow")
 
     def test_without_cbor2(self, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "cbor2", None)
