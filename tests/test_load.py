@@ -52,23 +52,17 @@ def solvers(threads: int) -> dict[str, Apply]:
     quadratic = TileQuadratic(banks["banded and strips"], shape, threads=threads)
 
     def total_variation(picture: Image, out: Image | None = None) -> Image:
-        return _into(out, quadratic.apply(picture, prior=DerivativePrior("tv", 1e-3)))
+        return quadratic.apply(picture, out, prior=DerivativePrior("tv", 1e-3))
 
     def row_blur(picture: Image, out: Image | None = None) -> Image:
-        return _into(out, blur.forward(blur.adjoint(picture)))
+        result = blur.forward(blur.adjoint(picture))
+        return result if out is None else np.copyto(out, result) or out
 
     by_name: dict[str, Apply] = {name: Deconvolver(bank, shape, threads=threads).apply for name, bank in banks.items()}
     methods: tuple[Literal["direct", "cg"], ...] = ("direct", "cg")
     for method in methods:
         by_name[f"rowwise, {method}"] = RowDeconvolver(paths, shape, solver=method, threads=threads).apply
     return by_name | {"total variation": total_variation, "RowBlur": row_blur}
-
-
-def _into(out: Image | None, result: Image) -> Image:
-    if out is None:
-        return result
-    out[...] = result
-    return out
 
 
 def used() -> dict[str, Apply]:

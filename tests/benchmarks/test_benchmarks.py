@@ -133,17 +133,3 @@ def test_set12_without_its_data_is_skipped_with_a_message(module, monkeypatch, t
     monkeypatch.setattr(data, "RECORDED", True)
     with pytest.raises(SystemExit, match="skipped: no Set12"):
         set12.Case(1, 0, 2.55, "valid").blurred()
-
-
-def test_set12_tables_name_the_best_fixed_strength(module):
-    set12 = module("set12")
-    score = {"blurred": set12.Score(20.0, 19.0, 0.0)}
-    for prior in set12.PRIORS:
-        for n, label in enumerate(("automatic", "noise given", *(f"{f:g}" for f in set12.LADDERS.get(prior, ())))):
-            score[f"{prior}, {label}"] = set12.Score(25.0 + n, 24.0 + n, 0.5)
-    cases = [set12.Case(1, 0, 2.55, "valid")]
-    lines = set12.table("valid", "seen", (2.55,), cases, [score]).splitlines()
-    assert "| tv | 25.00 | 26.00 | 30.00 | 0.3 | 500 |" in lines
-    assert "| wavelet | 25.00 | 26.00 |  |  | 500 |" in lines
-    # Published figures are of the real Set12.
-    assert ("| FDN (2017) | 31.43 |  |  |  |  |" in lines) == module("data").RECORDED

@@ -80,15 +80,6 @@ def test_no_motion_is_the_identity(picture, cols, border, prior):
     np.testing.assert_allclose(result, picture, atol=FLOAT32)
 
 
-@pytest.mark.parametrize("prior", [None, DerivativePrior("gradient", 0.1)], ids=["wiener", "gradient"])
-@pytest.mark.parametrize("solver", ["direct", "cg"])
-def test_constant_picture_keeps_its_brightness(prior, solver):
-    picture = np.full((H, W), 0.7, dtype=np.float32)
-    paths = wavy_paths(cols=(8.0, 24.0))
-    result = RowDeconvolver(paths, (H, W), nsr=0.1, solver=solver).apply(picture, prior=prior)
-    np.testing.assert_allclose(result, 0.7, atol=FLOAT32)
-
-
 def test_auto_takes_conjugate_gradients_for_tall_psfs():
     assert RowDeconvolver(wavy_paths(), (H, W)).solver == "direct"
     tall = wavy_paths(rows=700, down=330.0, samples=700)
@@ -118,13 +109,3 @@ def test_unseen_rows_are_reported_and_filled(picture):
     np.testing.assert_allclose(result[5:], picture[:-5], atol=FLOAT32)
     assert result[:5].min() > 0.3
     assert result[:5].max() < 0.7
-
-
-@pytest.mark.parametrize("cols", [(16.0,), (8.0, 24.0)])
-def test_out_may_be_the_input(picture, cols):
-    deconvolver = RowDeconvolver(wavy_paths(cols=cols), picture.shape)
-    expected = deconvolver.apply(picture)
-    work, fractions = picture.copy(), []
-    assert deconvolver.apply(work, out=work, progress=fractions.append) is work
-    np.testing.assert_array_equal(work, expected)
-    assert fractions[-1] == 1.0

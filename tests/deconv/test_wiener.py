@@ -70,22 +70,6 @@ def test_same_kernel_everywhere_equals_global() -> None:
     assert leak < 0.02 * np.sqrt(np.mean((whole - picture)[inside] ** 2))
 
 
-def test_threads_and_plans_change_nothing(picture: np.ndarray) -> None:
-    bank = PsfBank.for_picture(random_kernels(4, 2, 9, 7), picture.shape)
-    one = Deconvolver(bank, picture.shape, threads=1).apply(picture)
-    np.testing.assert_array_equal(Deconvolver(bank, picture.shape, threads=5).apply(picture), one)
-    measured = Deconvolver(bank, picture.shape, threads=1, planning="measure").apply(picture)
-    np.testing.assert_allclose(measured, one, atol=FLOAT32)
-
-
-def test_out_may_be_the_input(picture: np.ndarray) -> None:
-    solver = Deconvolver(PsfBank.for_picture(random_kernels(2, 2, 9, 7), picture.shape), picture.shape)
-    expected = solver.apply(picture)
-    work = picture.copy()
-    assert solver.apply(work, out=work) is work
-    np.testing.assert_array_equal(work, expected)
-
-
 @pytest.mark.parametrize("grid", [(1, 1), (2, 3)])
 def test_a_refused_picture_is_left_as_it_was(picture: np.ndarray, grid: tuple[int, int]) -> None:
     solver = Deconvolver(PsfBank.for_picture(delta(*grid), picture.shape), picture.shape)

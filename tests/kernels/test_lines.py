@@ -62,14 +62,6 @@ def test_blend_reflects_and_repeats_the_border_pixel(extended, noise, length, st
     np.testing.assert_array_equal(extended(noise, length, start), wide[300 + start : 300 + start + length])
 
 
-@pytest.mark.parametrize("border", ["blend", "periodic"])
-@pytest.mark.parametrize(("length", "start", "taper"), [(60, -8, 12), (52, 0, 12), (30, 5, 8), (30, -10, 8)])
-def test_inside_is_untouched(extended, noise, border, length, start, taper):
-    out = extended(noise, length, start, taper=taper, border=border)
-    inside = [k for k in range(length - taper) if 0 <= start + k < N]
-    np.testing.assert_array_equal(out[inside], noise[start + np.array(inside)])
-
-
 @pytest.mark.parametrize(("length", "start"), [(30, 4), (30, -5), (60, -8)])
 def test_the_taper_ends_where_the_start_begins(extended, noise, length, start):
     taper = 10
@@ -132,17 +124,3 @@ def test_what_is_not_finite_is_reported_where_it_is_read(kernels, bad, channels)
     # Values that are huge but finite, and the smallest ones.
     picture[1, 20] = [[3e38], [1e-45]][channels == 1]
     assert kernels.picture_to_lines(picture, 1, 1, 15, fade(0), False, line)
-
-
-@pytest.mark.parametrize("add", [False, True])
-@pytest.mark.parametrize("channels", [1, 3])
-def test_lines_go_back_to_their_place(kernels, noise, add, channels):
-    picture = np.full((4, 12, channels), 0.5, np.float32)
-    source = np.stack([noise.T, noise.T[::-1], noise.T], axis=1)[:channels].copy()
-    weights = np.linspace(0.1, 1, 7, dtype=np.float32)
-    kernels.lines_to_picture(source, 2, 5, weights, 4, add, picture, 1)
-    expected = np.full((4, 12, channels), 0.5)
-    values = weights[:, None] * np.moveaxis(source, 0, -1)[:2, 5:12]
-    expected[1:3, 4:11] = values + 0.5 if add else values
-    # One product and one sum of values of order 1.
-    np.testing.assert_allclose(picture, expected, atol=1e-6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rsdeblur.kernels.raster import rasterize
-from tests.oracles.raster import rasterize_numpy
+from tests.oracles.geometry import rasterize_numpy
 
 HALF_HEIGHT, HALF_WIDTH = 9, 12
 

@@ -139,24 +139,6 @@ def test_assembled_matrix_is_the_normal_matrix_and_solves(kernels, rows, tallest
     np.testing.assert_allclose(values(c.latent), expected, atol=2e-5 * np.abs(expected).max())
 
 
-def test_spectra_and_lanes():
-    rng = np.random.default_rng(2)
-    spectra = (rng.random((3, 16, 37)) + 1j * rng.random((3, 16, 37))).astype(np.complex64)
-    for put, get in (
-        (rowwise.spectra_to_lanes, rowwise.lanes_to_spectra),
-        (rowwise.spectra_to_lanes_numpy, rowwise.lanes_to_spectra_numpy),
-    ):
-        lanes = np.zeros((3, 3, 20, 2, LANES), dtype=np.float32)
-        put(spectra, 5, lanes, 7)
-        np.testing.assert_array_equal(lanes[1, 2, 9, :, 4], [spectra[2, 2, 20].real, spectra[2, 2, 20].imag])
-        assert not lanes[:, :, :7].any()
-        assert not lanes[:, :, 12:].any()
-        back = np.zeros_like(spectra)
-        get(lanes, 7, back, 5)
-        np.testing.assert_array_equal(back[:, :5], spectra[:, :5])
-        assert not back[:, 5:].any()
-
-
 @needs_native
 def test_differences_need_coupled_neighbours():
     c = case(9, 1)

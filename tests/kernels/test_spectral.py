@@ -34,16 +34,6 @@ def test_c_code_is_in_use():
     assert all(getattr(spectral, name) is getattr(native, name) for name in NAMES)
 
 
-@pytest.mark.parametrize("slabs", [0, 1, 2])
-@pytest.mark.parametrize("shape", [(1, 1, 1), (3, 7, 13), (4, 16, 129), (2, 0, 5), (0, 3, 5)])
-def test_multiply_is_the_complex_product(kernels, slabs, shape):
-    rng = np.random.default_rng(1)
-    spectra, responses = complex_noise(rng, slabs, *shape), complex_noise(rng, slabs, *shape[1:])
-    expected = spectra.astype(np.complex128) * responses[:, None].astype(np.complex128)
-    assert kernels.multiply(spectra, responses) is None
-    np.testing.assert_allclose(spectra, expected, **TOLERANCE)
-
-
 @pytest.mark.parametrize("n", [0, 1, 6])
 def test_blend_adds_weighted_positions_and_touches_no_other(kernels, n):
     rng = np.random.default_rng(2)

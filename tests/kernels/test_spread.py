@@ -50,12 +50,3 @@ def test_interpolated_kernels():
     assert abs(waves @ between @ waves) == pytest.approx(1, abs=0.03)
     assert moving.max() < 0.5
     assert np.isnan(interpolated(paths, 6, 7)).all()
-
-
-def test_soft_kernels_have_the_spectrum_of_a_gaussian():
-    kernel = interpolated(np.array([[[0.3, -0.4]] * 2]), 6, 6, 0.7)[0]
-    frequencies = np.array([0.1, 0.25])
-    waves = np.exp(-2j * np.pi * np.outer(frequencies, np.arange(13) - 6))
-    found = np.abs(waves @ kernel.sum(axis=0)), np.abs(waves @ kernel.sum(axis=1))
-    # At half of the highest frequency, the sinc's window errs by a percent.
-    np.testing.assert_allclose(found, [np.exp(-2 * np.square(np.pi * 0.7 * frequencies))] * 2, rtol=0.01)

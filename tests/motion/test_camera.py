@@ -1,4 +1,4 @@
-"""Laws of the camera: turning, resizing and cropping keep rays and times; errors in files are named."""
+"""Laws of the camera and the exposure: rays and times stay with the scene; probable mistakes are named."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from rsdeblur import Camera, Exposure, GyroLog, triage
 from rsdeblur.choices import READOUT_DIRECTIONS
 from rsdeblur.errors import RsdeblurWarning
-from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.plausible import doubts
 
 MOUNT = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix()
 
@@ -129,3 +129,96 @@ class TestFile:
         path.write_text("width = 64\nheight = 48\nfocal = 80\n")
         with pytest.warns(RsdeblurWarning, match="'focal' is now called 'focal_length'; rename it"):
             assert Camera.load(path) == Camera(64, 48, 80.0)
+
+
+EXPOSURE = Exposure(2.0, 0.01)
+
+
+def camera_of(direction, readout_time=0.03):
+    return Camera(60, 40, 50.0, readout_time=readout_time, readout_direction=direction)
+
+
+@pytest.mark.parametrize(
+    ("direction", "first", "last"),
+    [("top-down", 0, 39), ("bottom-up", 39, 0), ("left-right", 0, 59), ("right-left", 59, 0)],
+)
+def test_first_and_last_line(direction, first, last):
+    camera = camera_of(direction)
+    opens, closes = EXPOSURE.window([first, last], camera)
+    assert opens[0] == 2.0
+    # The readout ends one row past the last.
+    assert opens[1] == pytest.approx(2.0 + 0.03 * (camera.lines - 1) / camera.lines)
+    np.testing.assert_allclose(closes - opens, 0.01, atol=1e-15)
+
+
+@pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
+def test_span_holds_every_window_and_no_more(direction):
+    camera = camera_of(direction)
+    opens, closes = EXPOSURE.window(np.arange(camera.lines), camera)
+    assert EXPOSURE.span(camera) == (opens.min(), closes.max())
+
+
+@pytest.mark.parametrize("direction", ["top-down", "bottom-up", "left-right", "right-left"])
+def test_the_timestamp_marks_what_the_camera_says(direction: str) -> None:
+    exposure = Exposure(1.0, 0.04)
+    rows = np.arange(10.0)
+
+    def windows(timestamp: str) -> tuple[np.ndarray, np.ndarray]:
+        camera = Camera(10, 10, 50.0, readout_time=0.02, readout_direction=direction, timestamp_marks=timestamp)
+        return exposure.window(rows, camera)
+
+    assert windows("start")[0].min() == 1.0
+    # Rounding of a few sums near 1.
+    assert windows("end")[1].max() == pytest.approx(1.0, abs=1e-15)
+    opens, closes = windows("middle")
+    assert (opens + closes).mean() / 2 == pytest.approx(1.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("camera", "hint"),
+    [
+        (Camera(4000, 3000, 4.7), "is it in mm?"),
+        (Camera(640, 480, 26), "is it in mm?"),
+        (Camera(640, 480, 30_000), "measured in a larger picture?"),
+        (Camera(640, 480, 500, readout_time=18.0), "did you mean 18 ms?"),
+    ],
+)
+def test_mistakes_are_named(camera: Camera, hint: str) -> None:
+    (doubt,) = doubts(camera)
+    assert hint in doubt
+
+
+def test_ordinary_cameras_raise_no_doubt() -> None:
+    # A phone, an action camera's fisheye, and a telescope of 600 mm on a full-frame sensor.
+    fisheye = Camera(4000, 3000, 1000, distortion_model="fisheye", distortion=(0.0, 0.0, 0.0, 0.0))
+    for camera in (Camera(4000, 3000, 3000, readout_time=0.03), fisheye, Camera(6000, 4000, 100_000)):
+        assert doubts(camera) == []
+
+
+FOCAL = 400.0
+
+
+def steady(rate: float) -> GyroLog:
+    """Return a log of a camera that turns about its y axis at `rate` rad/s from 0 s to 1 s, and then rests."""
+    t = np.arange(0.0, 2.0, 0.005)
+    omega = np.zeros((len(t), 3))
+    omega[t < 1.0, 1] = rate
+    return GyroLog(t, omega)
+
+
+@pytest.mark.parametrize("direction", ["top-down", "left-right"])
+def test_paths_are_as_long_as_the_turn_times_the_focal_length(direction: str) -> None:
+    camera = Camera(160, 120, FOCAL, readout_time=0.02, readout_direction=direction)
+    durations = (0.001, 0.01, 0.1)
+    exposures = [Exposure(0.2, duration) for duration in durations]
+    exposures += [Exposure(1.2, 0.1), Exposure(5.0, 0.1)]
+    rate = 1.0
+    found = triage(steady(rate), camera, exposures, keep=1.5, drop=20.0)
+    # The path at the edge is longer than at the centre by 1 + (80 / 400)^2, 4 %.
+    np.testing.assert_allclose(found.lengths[:3], FOCAL * rate * np.array(durations), rtol=0.05)
+    assert found.lengths[3] == pytest.approx(0.0, abs=1e-6)
+    assert np.isnan(found.lengths[4])
+    assert found.decisions == ("keep", "deblur", "drop", "keep", "unknown")
+    assert "does not cover" in found.reasons[4]
+    assert found.counts == {"keep": 2, "deblur": 1, "drop": 1, "unknown": 1}
+    assert not found.lengths.flags.writeable

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Camera, Exposure, InputError, simulate
-from rsdeblur import deblur as deblur_picture
+from rsdeblur import Camera, InputError
 from rsdeblur.motion import lens
-from rsdeblur.simulation.scene import scene
-from rsdeblur.simulation.shake import hand_shake
-from rsdeblur.simulation.simulate import _distorted, _undistorted
 from tests.installed import needs
 
 WIDTH, HEIGHT = 192, 160
@@ -58,17 +53,6 @@ class TestInverse:
 
 class TestOracles:
     @MODELS
-    def test_the_simulators_lens_is_the_same(self, model, k, pixels):
-        if model == "none":
-            return
-        camera = camera_of(model, k)
-        directions = camera.rays(pixels)
-        points = (pixels - camera.principal_point) / camera.focal_length
-        np.testing.assert_allclose(_distorted(directions, camera), points, atol=1e-11)
-        # The simulator interpolates its table of the fisheye linearly between angles 1e-5 apart.
-        np.testing.assert_allclose(_undistorted(points, camera), directions, atol=1e-9)
-
-    @MODELS
     def test_opencv_projects_alike(self, model, k, pixels):
         cv2 = needs("bench")
         camera = camera_of(model, k)
@@ -79,33 +63,6 @@ class TestOracles:
         else:
             points, _ = cv2.projectPoints(directions, zero, zero, camera.matrix, coefficients)
         np.testing.assert_allclose(points.reshape(pixels.shape), pixels, atol=1e-8)
-
-
-EXPOSURE = Exposure(0.05, 0.025)
-
-
-def quality(truth: np.ndarray, image: np.ndarray) -> float:
-    inside = np.s_[20:-20, 20:-20]
-    return float(peak_signal_noise_ratio(truth[inside], image.clip(0, 1)[inside], data_range=1.0))
-
-
-@pytest.mark.parametrize(("name", "direction"), [("radtan", "top-down"), ("fisheye", "left-right")])
-def test_a_picture_is_deblurred_through_its_lens(name: str, direction: str) -> None:
-    model, k = LENSES[name]
-    strong = tuple(3 * value for value in k) if name == "fisheye" else k
-    camera = Camera(
-        WIDTH, HEIGHT, 110.0, readout_time=0.03, readout_direction=direction, distortion_model=model, distortion=strong
-    )
-    pinhole = Camera(WIDTH, HEIGHT, 110.0, readout_time=0.03, readout_direction=direction)
-    log = hand_shake(0.2, strength=2.5, seed=3)
-    seen = simulate(scene(HEIGHT + 40, WIDTH + 40)[..., 1], log, camera, EXPOSURE, noise=0.001, samples=40)
-    with_lens, without = (
-        quality(seen.rolling, deblur_picture(seen.blurred, log, c, EXPOSURE, prior="wiener", nsr=0.01).image)
-        for c in (camera, pinhole)
-    )
-    # Measured 18.8 to 19.2 dB blurred, 19.5 to 23.5 dB with the paths of a pinhole, 24.3 to 27.1 dB with the lens.
-    assert with_lens > without + 1.5
-    assert with_lens > quality(seen.rolling, seen.blurred) + 3
 
 
 def test_wild_coefficients_are_refused_or_right(pixels: np.ndarray) -> None:

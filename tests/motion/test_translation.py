@@ -77,8 +77,14 @@ def quality(image, truth):
     return peak_signal_noise_ratio(truth[inside], image[inside], data_range=1.0)
 
 
-@pytest.mark.parametrize("lens", [("none", ()), ("radtan", (-0.2, 0.05, 0.0, 0.0))])
-@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(
+    ("turned", "lens"),
+    [
+        (False, ("none", ())),
+        (False, ("radtan", (-0.2, 0.05, 0.0, 0.0))),
+        (True, ("fisheye", (0.15, -0.06, 0.03, -0.009))),
+    ],
+)
 def test_what_the_simulator_moves_is_undone(shaky_log, turned, lens):
     log, track = shaky_log((0.5, 0.5, 0.5)), sway()
     camera, sharp = replace(CAMERA, distortion_model=lens[0], distortion=lens[1]), scene(200, 240)[..., 1]
