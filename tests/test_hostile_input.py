@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from PIL import Image
 
 from rsdeblur import Camera
@@ -46,7 +44,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "bank": PsfBank.load,
 }
 # Number of inputs per target; each takes a few milliseconds.
-INPUTS = int(os.environ.get("RSDEBLUR_HOSTILE", "25"))
+INPUTS = int(os.environ.get("RSDEBLUR_HOSTILE", "15"))
 
 
 @pytest.fixture(params=READERS.values(), ids=READERS)
@@ -101,17 +99,6 @@ def test_spoilt_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
             refused += refuses(target.read, path)
     # The mutations have an effect; but a picture is read even without its EXIF block.
     assert refused or name == "jpeg-exif"
-
-
-@settings(derandomize=True, deadline=None, max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(content=st.binary(max_size=200) | st.text(max_size=200).map(lambda text: text.encode("utf-8", "replace")))
-def test_any_bytes_are_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "file"
-    path.write_bytes(content)
-    for read in READERS.values():
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            refuses(read, path)
 
 
 def test_what_is_no_file_is_refused_at_once(read: Callable[[Path], Any], tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from rsdeblur.pipeline.solver import Chunk, PictureSolver, Strengths
 
 CAMERA, LOG, NSR, WEIGHT = Camera(161, 121, 170.0, readout_time=0.02), hand_shake(0.3, seed=3), 0.003, 0.003
 SHAPE = 121, 161, 3
-PRIORS = "wiener", "gradient", "tv", "hyper-laplacian"
+PRIORS = "wiener", "tv", "hyper-laplacian"
 
 
 def bank_of(start, **options):

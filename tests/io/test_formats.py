@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import sys
 import zipfile
 from pathlib import Path
@@ -13,8 +12,6 @@ import pytest
 
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.io import open_gyro, read_gyro
-from rsdeblur.io.gyro_binary import check_sample_sizes
-from rsdeblur.io.source import Source
 from tests._util import files
 from tests._util.files import EPOCH, LAYOUTS, RATES
 from tests.installed import needs
@@ -105,38 +102,6 @@ class TestVideo:
         needs("telemetry")
         with pytest.raises(FileFormatError, match=r"video\.mp4: .*no gyro data"):
             read_gyro(write(b"\0\0\0\x18ftypmp42" + bytes(99), "video.mp4"))
-
-    @pytest.mark.parametrize(
-        ("table", "claimed"),
-        [
-            (struct.pack(">III", 0, 300, 2), 300),
-            (struct.pack(">III2I", 0, 0, 2, 9, 2**32 - 1), 2**32 - 1),
-            # Entries do not count where all samples have one size, nor beyond the end of the table.
-            (struct.pack(">III2I", 0, 9, 2, 9, 300), None),
-            (struct.pack(">IIII", 0, 0, 2**31, 9), None),
-            (b"", None),
-        ],
-        ids=["one size", "sizes", "one size, and others", "cut off", "empty"],
-    )
-    @pytest.mark.parametrize("header", [struct.Struct(">I4s"), struct.Struct(">I4sQ")], ids=["32 bits", "64 bits"])
-    def test_no_sample_is_larger_than_the_file(
-        self, write: Write, table: bytes, claimed: int | None, header: struct.Struct
-    ) -> None:
-        video = table
-        for kind in (b"stsz", b"stbl", b"minf", b"mdia", b"trak", b"moov"):
-            size = header.size + len(video)
-            video = (header.pack(1, kind, size) if header.size > 8 else header.pack(size, kind)) + video
-        source = Source(write(b"\0\0\0\x10ftypmp42\0\0\0\0" + video, "video.mp4"), "gyro log")
-        if claimed is None:
-            check_sample_sizes(source)
-        else:
-            with pytest.raises(FileFormatError, match=rf"video\.mp4: .* claims a sample of {claimed} bytes"):
-                check_sample_sizes(source)
-
-    @pytest.mark.parametrize("size", [0, 2, 7, 8, 2**32 - 1])
-    def test_boxes_end_with_the_file(self, write: Write, size: int) -> None:
-        nested = b"".join(struct.pack(">I4s", size, b"moov") for _ in range(2000))
-        check_sample_sizes(Source(write(nested, "video.mp4"), "gyro log"))
 
     def test_gopro(self, data_dir: Path) -> None:
         needs("telemetry")

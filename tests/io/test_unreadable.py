@@ -122,6 +122,14 @@ def shared_strips() -> bytes:
     return retagged(pixels, {"StripByteCounts": [512] * 8, "StripOffsets": [first] * 8}, rowsperstrip=8)[:-3000]
 
 
+def video(table: bytes, header: struct.Struct) -> bytes:
+    """Return a video of nested boxes around a table of sample sizes."""
+    for kind in (b"stsz", b"stbl", b"minf", b"mdia", b"trak", b"moov"):
+        size = header.size + len(table)
+        table = (header.pack(1, kind, size) if header.size > 8 else header.pack(size, kind)) + table
+    return b"\0\0\0\x10ftypmp42\0\0\0\0" + table
+
+
 PROJECT = {"raw_imu": [[0.005 * i, 1, 2, 3, 0, 0, 0] for i in range(20)]}
 
 GOOD = "0.00,1,2,3\n0.01,1,2,3\n"
@@ -201,6 +209,15 @@ PROJECTS: list[Fault] = [
     (files.project(PROJECT)[:-2], 0, "not JSON, or cut off|damaged"),
     *(('{"raw_imu": ' + nest * 100_000, 0, "") for nest in ("[", '{"a":')),
     (lambda: files.packed_project(bytes(70_000_000), "raw_imu"), 0, "unpack"),
+]  # fmt: skip
+# The first two claim a sample larger than the file; sizes do not count beyond the end of the table.
+VIDEOS: list[Fault] = [
+    *((video(table, struct.Struct(header)), 0, words) for header in (">I4s", ">I4sQ") for table, words in (
+        (struct.pack(">III", 0, 300, 2), "claims a sample of 300 bytes"),
+        (struct.pack(">III2I", 0, 0, 2, 9, 2**32 - 1), f"claims a sample of {2**32 - 1} bytes"),
+        (struct.pack(">IIII", 0, 0, 2**31, 9), "no gyro data"), (b"", "no gyro data"))),
+    *((b"".join([struct.pack(">I4s", 16, b"ftyp") + bytes(8), *[struct.pack(">I4s", size, b"moov")] * 2000]), 0, "")
+      for size in (0, 2, 7, 8, 2**32 - 1)),
 ]  # fmt: skip
 TRAILERS: list[Fault] = [
     *((files.trailer(*given), 0, "trailer is damaged") for given in ((0, 0), (700, 0), (20, 21))),
@@ -345,7 +362,8 @@ PICTURES: list[Fault] = [
 ]  # fmt: skip
 READERS: list[tuple[Callable[..., Any], str, list[Fault]]] = [
     *((read_gyro, name, faults) for name, faults in (
-        ("log.csv", GYRO), ("export.zip", ARCHIVES), ("a.gyroflow", PROJECTS), ("IMG.jpg", TRAILERS))),
+        ("log.csv", GYRO), ("export.zip", ARCHIVES), ("a.gyroflow", PROJECTS), ("IMG.jpg", TRAILERS),
+        ("video.mp4", VIDEOS))),
     (partial(read_gyro, format="sensorlogger-json"), "log.json", EXPORTS),
     (read_acceleration, "gyro_accel.csv", ACCELERATIONS),
     (partial(rsdeblur.read_captures, duration=0.01), "captures.csv", CAPTURES),
@@ -367,8 +385,8 @@ CASES = [(read, name, *fault) for read, name, faults in READERS for fault in fau
 def test_faults_name_the_file_and_the_line(
     write: Callable[..., Path], read: Callable[..., Any], name: str, content: Content, line: int, words: str
 ) -> None:
-    if name.endswith(".yaml"):
-        needs("kalibr")
+    if name.endswith((".yaml", ".mp4")):
+        needs("kalibr" if name.endswith(".yaml") else "telemetry")
     path = write(content() if callable(content) else content, name)
     with pytest.raises(FileFormatError, match=rf"{name}{f', line {line}: ' if line else '.*'}.*({words})"):
         read(path)

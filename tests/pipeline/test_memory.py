@@ -28,7 +28,7 @@ METHODS = {
     "rowwise": ({**ROWS, "nsr": 0.02}, 1_700_000),
     "global tv": ({"mode": "global", "prior": "tv"}, 2_700_000),
     "rowwise wavelet": ({**ROWS, "prior": "wavelet"}, 3_000_000),
-    **{f"banded {prior}": ({**BANDS, "prior": prior}, 4_000_000) for prior in ("gradient", "wavelet")},
+    "banded wavelet": ({**BANDS, "prior": "wavelet"}, 4_000_000),
 }
 
 
