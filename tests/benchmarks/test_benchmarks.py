@@ -57,16 +57,6 @@ def test_calls_that_the_host_interrupted_are_measured_again(module):
     assert len(clock.calls) == 4
 
 
-def test_every_round_runs_each_job_once_in_changing_order(module):
-    clock = FakeClock()
-    jobs = {name: clock.job(name, [1.0] * 21) for name in "abcd"}
-    module("timing").interleave(jobs, 20, clock=clock)
-    rounds = [tuple(clock.calls[i : i + 4]) for i in range(0, len(clock.calls), 4)]
-    assert len(rounds) == 21
-    assert all(sorted(order) == list("abcd") for order in rounds)
-    assert len(set(rounds)) > 5
-
-
 def test_missing_alternative_is_skipped_with_a_message(module, monkeypatch):
     peers, cases = module("peers"), module("cases")
     for name in ("cv2", "mkl_fft", "regularizepsf"):

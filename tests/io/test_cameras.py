@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import struct
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -139,11 +138,6 @@ class TestKalibr:
         assert "2 cameras (cam0, cam1); cam0 is used" in open_camera(path).assumptions[0].text
         with pytest.raises(FileFormatError, match=r"'cam7' .* cam0, cam1"):
             open_camera(path, name="cam7")
-
-    def test_without_pyyaml(self, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setitem(sys.modules, "yaml", None)
-        with pytest.raises(FileFormatError, match=r"need PyYAML.*'\.\[kalibr\]'"):
-            open_camera(write(files.CHAIN))
 
 
 def photo(path: Path, size: tuple[int, int] = (400, 300), **tags: Any) -> Path:

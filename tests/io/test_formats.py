@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rsdeblur.errors import FileFormatError, RsdeblurWarning
+from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import open_gyro, read_gyro
 from tests._util import files
 from tests._util.files import EPOCH, LAYOUTS, RATES
@@ -86,23 +85,8 @@ class TestGyroflowProject:
         # roll turns about z
         np.testing.assert_allclose(omega[2], omega[0] @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-12)
 
-    def test_without_cbor2(self, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setitem(sys.modules, "cbor2", None)
-        with pytest.raises(FileFormatError, match=r"'\.\[gyroflow\]'"):
-            read_gyro(write(files.packed_project(b"\xa0" * 9, "file_metadata")))
-
 
 class TestVideo:
-    def test_without_telemetry_parser(self, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setitem(sys.modules, "telemetry_parser", None)
-        with pytest.raises(FileFormatError, match=r"pip install '\.\[telemetry\]'"):
-            read_gyro(write(b"\0\0\0\x18ftypmp42" + bytes(99), "video.mp4"))
-
-    def test_without_telemetry(self, write: Write) -> None:
-        needs("telemetry")
-        with pytest.raises(FileFormatError, match=r"video\.mp4: .*no gyro data"):
-            read_gyro(write(b"\0\0\0\x18ftypmp42" + bytes(99), "video.mp4"))
-
     def test_gopro(self, data_dir: Path) -> None:
         needs("telemetry")
         with pytest.warns(RsdeblurWarning, match="stabilised"):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import struct
+import sys
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -390,3 +391,29 @@ def test_faults_name_the_file_and_the_line(
     path = write(content() if callable(content) else content, name)
     with pytest.raises(FileFormatError, match=rf"{name}{f', line {line}: ' if line else '.*'}.*({words})"):
         read(path)
+
+
+MP4, HEIC = (b"\0\0\0\x18ftyp" + brand + bytes(99) for brand in (b"mp42", b"heic"))
+
+
+@pytest.mark.parametrize(
+    ("module", "extra", "read", "content"),
+    [
+        ("cbor2", "gyroflow", read_gyro, files.packed_project(b"\xa0" * 9, "file_metadata")),
+        ("telemetry_parser", "telemetry", read_gyro, MP4),
+        ("yaml", "kalibr", open_camera, files.CHAIN),
+        ("pillow_heif", "heif", read_picture, HEIC),
+        ("rawpy", "raw", read_picture, files.dng()),
+    ],
+)
+def test_a_missing_package_is_named(
+    write: Callable[..., Path],
+    monkeypatch: pytest.MonkeyPatch,
+    module: str,
+    extra: str,
+    read: Callable[..., Any],
+    content: str | bytes,
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(FileFormatError, match=rf"'\.\[{extra}\]'"):
+        read(write(content, "file"))

@@ -90,18 +90,6 @@ def share_kept(magnitude):
     return np.polynomial.polynomial.polyval(0.6 / np.maximum(magnitude, 0.3) - 1, POLYNOMIAL) * (magnitude > 0.3)
 
 
-@pytest.mark.parametrize("periodic", [False, True])
-def test_pull_is_the_adjoint_applied_to_the_shrunk_gradient(picture, periodic):
-    out = grad_adjoint(picture, 0.3, periodic=periodic)
-    across, down = shrink.gradient(picture, periodic=periodic)
-    magnitude = np.sqrt((across**2 + down**2).sum(axis=2, keepdims=True))
-    kept = share_kept(magnitude)
-    other = np.random.default_rng(1).random(picture.shape)
-    of_other = shrink.gradient(other, periodic=periodic)
-    expected = sum((kept * part * with_part).sum() for part, with_part in zip((across, down), of_other, strict=True))
-    assert (out * other).sum() == pytest.approx(expected, abs=1e-4)
-
-
 def derivatives(picture, periodic):
     """Return the five derivatives, scaled as they are shrunk; each a picture."""
     across, down = shrink.gradient(picture, periodic=periodic)
