@@ -12,8 +12,6 @@ import rsdeblur
 from rsdeblur import Camera, Exposure, GyroLog, InputError, simulate
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import (
-    Spot,
-    are_lights,
     at_full_scale,
     find_spots,
 )
@@ -51,19 +49,6 @@ def streaks(truth: np.ndarray, image: np.ndarray) -> float:
     lamps = ndimage.binary_dilation(truth.max(axis=-1) > 0.5, iterations=2)
     near = ndimage.binary_dilation(lamps, iterations=20) & ~lamps
     return float(np.square(image.clip(0, 1) - truth.clip(0, 1))[near].mean())
-
-
-def test_few_spots_and_those_in_the_dark_are_lights() -> None:
-    spot = Spot(slice(0, 2), slice(0, 5), np.ones((2, 5, 3), dtype=np.bool_))
-    # 10 of 2000 pixels are 0.5 %.
-    day, smaller, night = (
-        EncodedImage(np.full(shape, light, np.float32), "linear")
-        for shape, light in (((40, 50, 3), 0.3), ((40, 49, 3), 0.3), ((40, 50, 3), 0.03))
-    )
-    assert are_lights([spot], day)
-    assert not are_lights([spot], smaller)
-    assert not are_lights([spot, spot], day)
-    assert are_lights([spot, spot], night)
 
 
 @pytest.mark.parametrize(("mode", "prior"), [("global", "tv"), ("banded", "wiener"), ("rowwise", "tv")])

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from random import Random
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io import read_captures, read_clocks
-from rsdeblur.io.captures import open_captures
 from rsdeblur.motion.exposure import Exposure
 from tests._util.files import ANDROID, CAPTURES, EPOCH, NEXT, trailer
 
@@ -36,27 +32,6 @@ def test_null_exposure_times_must_be_given(write: Write) -> None:
     with pytest.raises(FileFormatError, match="give the exposure time"):
         read_captures(path)
     assert [exposure.duration for exposure in read_captures(path, duration=0.01)] == [0.01, 0.005]
-
-
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.integers(0, 2 * 10**18), st.integers(1, 400), st.integers(3, 20), st.sampled_from(["s", "ms", "us", "ns"]))
-def test_units_shifts_permutations_and_repeats(write: Write, start: int, step: int, count: int, unit: str) -> None:
-    """2.5 to 1000 frames per second, 20% of jitter, any origin."""
-    random = Random(start)
-    digits = {"s": 9, "ms": 6, "us": 3, "ns": 0}[unit]
-    times = [start + (5 * i + random.randrange(2)) * step * 200_000 for i in range(count)]
-    lines = [
-        f"{t // 10**digits}{'.' * (digits > 0)}{t % 10**digits:0{digits}d}\n" if digits else f"{t}\n" for t in times
-    ]
-
-    def read(lines: list[str]) -> list[int]:
-        return open_captures(write(f"timestamp[{unit}]\n" + "".join(lines))).timestamps
-
-    assert read(lines) == times
-    place = random.randrange(count - 1)
-    for other in ([*lines[:place], *lines[place + 1 :: -1]], [*lines[: place + 1], *lines[place:]]):
-        with pytest.raises(FileFormatError, match=r"log\.csv, line \d+: captures must be in the order of time"):
-            read(other)
 
 
 @pytest.mark.parametrize(("source", "offset"), [("REALTIME", 0.0), ("UNKNOWN", -3.7948831225)])

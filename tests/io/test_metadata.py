@@ -12,14 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import _metadata, read_picture, write_picture
-from rsdeblur.io.exif import Exif, block_of, renewed, tags_of, with_orientation
+from rsdeblur.io.exif import Exif, renewed
 from rsdeblur.io.picture_output import iptc_segment, picture_to_fill
 from rsdeblur.io.pictures import Picture
 from tests.hostile.packets import KEPT, LOST, with_thumbnail
@@ -101,33 +99,6 @@ def test_sizes_are_those_of_the_new_picture(exif: bytes) -> None:
     assert values(renewed(exif, 100_000, 300, lambda _: None))[0x8769][0xA002] == 100_000
     # A thumbnail that does not fit is removed.
     assert b"blurred thumbnail" not in half
-
-
-@pytest.mark.parametrize("exif", [block("<"), block(), None, b"", b"Exif\0\0nonsense"])
-@pytest.mark.parametrize("had_one", [False, True])
-def test_the_orientation_is_set_or_added(exif: bytes | None, had_one: bool) -> None:
-    is_valid = exif is not None and len(exif) > 20
-    if is_valid and not had_one:
-        exif = block_of({tag: value for tag, value in tags_of(exif or b"").items() if tag != 274})
-    expected = values(exif) if is_valid else {}
-    found = values(with_orientation(exif, 8))
-    assert {tag: value for tag, value in found.items() if value} == expected | {274: 8}
-
-
-@settings(max_examples=100, deadline=None, derandomize=True, database=None)
-@given(data=st.data())
-def test_no_damage_raises_anything_else(data: st.DataObject) -> None:
-    exif = bytearray(block(data.draw(st.sampled_from("<>"))))
-    for _ in range(data.draw(st.integers(1, 8))):
-        exif[data.draw(st.integers(6, len(exif) - 1))] = data.draw(st.sampled_from([0, 1, 4, 5, 8, 13, 127, 255]))
-    damaged = bytes(exif[: data.draw(st.integers(6, len(exif)))])
-    assert len(renewed(damaged, 40, 30, lambda most: b"x" * most)) == len(damaged)
-    assert with_orientation(damaged, 3)
-    try:
-        tags = tags_of(damaged)
-    except (ValueError, LookupError, struct.error):
-        return
-    assert tags_of(block_of(tags)) == tags
 
 
 def segment(marker: int, body: bytes) -> bytes:

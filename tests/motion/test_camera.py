@@ -114,21 +114,14 @@ def test_cameras_of_equal_values_are_equal(camera):
     assert camera != "camera"
 
 
-class TestFile:
-    def test_round_trip(self, camera, tmp_path):
-        camera.save(tmp_path / "camera.toml")
-        assert Camera.load(tmp_path / "camera.toml") == camera
-
-    def test_three_keys_are_enough(self, tmp_path):
-        path = tmp_path / "camera.toml"
-        path.write_text("width = 64\nheight = 48\nfocal_length = 80\n")
+def test_files_keep_cameras(camera, tmp_path):
+    path = tmp_path / "camera.toml"
+    camera.save(path)
+    assert Camera.load(path) == camera
+    # Three keys are enough, and former names are read.
+    path.write_text("width = 64\nheight = 48\nfocal = 80\n")
+    with pytest.warns(RsdeblurWarning, match="'focal' is now called 'focal_length'"):
         assert Camera.load(path) == Camera(64, 48, 80.0)
-
-    def test_former_keys_are_read_with_a_warning(self, tmp_path):
-        path = tmp_path / "camera.toml"
-        path.write_text("width = 64\nheight = 48\nfocal = 80\n")
-        with pytest.warns(RsdeblurWarning, match="'focal' is now called 'focal_length'; rename it"):
-            assert Camera.load(path) == Camera(64, 48, 80.0)
 
 
 EXPOSURE = Exposure(2.0, 0.01)
