@@ -173,14 +173,3 @@ def test_the_bare_source_folder_says_what_to_do():
     assert process.returncode == 1
     assert "ImportError: rsdeblur was imported from its source folder" in process.stderr
     assert "pip install" in process.stderr
-
-
-def test_benchmarks_prefer_the_installed_package():
-    code = """
-import sys
-sys.path.insert(0, ".")
-import benchmarks, rsdeblur
-print(rsdeblur.__version__)
-"""
-    process = python(code, cwd=ROOT)
-    assert process.stdout.strip() == rsdeblur.__version__, process.stderr

@@ -219,14 +219,6 @@ class TestMars:
         assert (file.camera.width, file.camera.height, file.camera.focal_length[0]) == (1920, 1080, 1500.5)
         assert any("not contain the readout" in assumption.text for assumption in file.assumptions)
 
-    @pytest.mark.parametrize(
-        ("text", "message"),
-        [(files.CHAIN, "not MARS logger's"), (files.CAPTURES["ios"].replace("1500.5", "1e-320"), "focal")],
-    )
-    def test_what_is_no_camera(self, write: Write, text: str, message: str) -> None:
-        with pytest.raises(FileFormatError, match=rf"log\.csv.*{message}"):
-            open_camera(write(text), "mars")
-
 
 def test_gcsv(write: Write) -> None:
     path = write(files.GYRO_TABLES["gcsv"][0])

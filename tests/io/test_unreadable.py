@@ -372,6 +372,8 @@ READERS: list[tuple[Callable[..., Any], str, list[Fault]]] = [
     (read_trajectory, "poses.txt", TRAJECTORIES),
     *((open_camera, name, faults) for name, faults in (
         ("lens.json", PROFILES), ("camera.yaml", CHAINS), ("a.jpg", PHOTOS))),
+    (partial(open_camera, format="mars"), "movie.csv", [
+        (files.CHAIN, 0, "not MARS logger's"), (files.CAPTURES["ios"].replace("1500.5", "1e-320"), 0, "focal")]),
     (Camera.load, "camera.toml", TOML),
     (read_depths, "depth.npy", DEPTHS),
     (partial(read_psfs, shape=(40, 60, 3)), "k.npy", PSFS),
