@@ -101,6 +101,14 @@ def test_only_paths_and_psfs_cross_between_motion_and_deconvolution():
     assert not {path: names for path, names in found.items() if names}
 
 
+def test_a_violation_of_the_branch_rule_is_found():
+    solver = PACKAGE / "deconv" / "wiener.py"
+    assert crossings(solver, {"motion.gyro.GyroLog"}) == {"motion.gyro.GyroLog"}
+    assert crossings(solver, {"motion.paths.Capture"}) == {"motion.paths.Capture"}
+    assert crossings(PACKAGE / "motion" / "paths.py", {"deconv.fft.empty"}) == {"deconv.fft.empty"}
+    assert not crossings(solver, {"motion.paths.BlurPaths", "psf.PsfBank"})
+
+
 def test_modules_import_each_other_without_a_cycle():
     """Imports in functions count too."""
     graph = {}

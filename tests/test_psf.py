@@ -88,12 +88,6 @@ class TestCut:
 
 
 class TestTurned:
-    def test_four_turns_are_the_identity(self):
-        bank = random_bank()
-        height, width = 40, 50
-        turned = bank.turned(width).turned(height).turned(width).turned(height)
-        assert_same(turned, bank)
-
     def test_kernels_are_turned_and_moved(self):
         bank = random_bank()
         turned = bank.turned(50)

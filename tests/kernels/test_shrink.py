@@ -70,12 +70,6 @@ def test_values_that_are_no_numbers_are_not_hidden(either, channels, sign):
 
 
 @pytest.mark.parametrize("periodic", [False, True])
-def test_what_is_not_shrunk_is_the_laplacian(picture, periodic):
-    out = grad_adjoint(picture, 1e-9, polynomial=ONE, periodic=periodic)
-    np.testing.assert_allclose(out, laplacian(picture, periodic), atol=FLOAT32)
-
-
-@pytest.mark.parametrize("periodic", [False, True])
 def test_derivatives_that_are_not_shrunk_make_the_term_that_solvers_add(picture, periodic):
     # Also at the ends: solvers know D^T D only.
     out = derivatives_adjoint(picture, 1e-9, polynomial=ONE, periodic=periodic)
