@@ -120,23 +120,15 @@ def test_odd_names(tmp_path: Path, name: str) -> None:
     refusal(read_gyro, path)
 
 
-class TestYaml:
-    CAMERA = "cam0: {camera_model: pinhole, intrinsics: %s, resolution: [640, 480], distortion_model: none}\n"
-
-    @pytest.fixture(autouse=True)
-    def reader(self) -> None:
-        needs("kalibr")
-
-    def test_an_alias_is_read(self, tmp_path: Path) -> None:
-        path = tmp_path / "camera.yaml"
-        path.write_text("k: &k [500, 500, 320, 240]\n" + self.CAMERA % "*k")
-        assert open_camera(path).camera.focal_length == (500.0, 500.0)
-
-    def test_nothing_is_built_or_called(self, tmp_path: Path) -> None:
-        path = tmp_path / "camera.yaml"
-        path.write_text(self.CAMERA % f"!!python/object/apply:os.mkdir [{tmp_path / 'made'}]")
-        assert "could not determine a constructor" in refusal(open_camera, path)
-        assert not (tmp_path / "made").exists()
+def test_yaml_has_aliases_and_nothing_that_is_built_or_called(tmp_path: Path) -> None:
+    needs("kalibr")
+    path = tmp_path / "camera.yaml"
+    camera = "cam0: {camera_model: pinhole, intrinsics: %s, resolution: [640, 480], distortion_model: none}\n"
+    path.write_text("k: &k [500, 500, 320, 240]\n" + camera % "*k")
+    assert open_camera(path).camera.focal_length == (500.0, 500.0)
+    path.write_text(camera % f"!!python/object/apply:os.mkdir [{tmp_path / 'made'}]")
+    assert "could not determine a constructor" in refusal(open_camera, path)
+    assert not (tmp_path / "made").exists()
 
 
 class TestBombs:

@@ -57,7 +57,7 @@ def is_doubted(picture):
     return any('transfer="srgb"' in str(warning.message) for warning in caught)
 
 
-PHOTOS = sorted(path for path in Path(data.__file__).parent.iterdir() if path.suffix in (".png", ".jpg"))
+PHOTOS = sorted(path for path in Path(data.__file__).parent.iterdir() if path.suffix in (".png", ".jpg"))[::2]
 
 
 @pytest.mark.parametrize("path", PHOTOS, ids=lambda path: path.name)

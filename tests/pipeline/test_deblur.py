@@ -55,7 +55,7 @@ def test_the_motion_chooses_the_mode(capture: Simulation, log: GyroLog) -> None:
     strong, calm = (GyroLog(log.t, factor * log.omega) for factor in (2.0, 0.1))
 
     def result(log: GyroLog = strong, **kwargs: object) -> DeblurResult:
-        return rsdeblur.deblur(capture.blurred, log, CAMERA, EXPOSURE, check=False, **kwargs)
+        return rsdeblur.deblur(capture.blurred[..., 1], log, CAMERA, EXPOSURE, check=False, **kwargs)
 
     chosen, same = result(), result(mode="rowwise")
     assert (chosen.mode, result(calm).mode) == ("rowwise", "banded")
