@@ -71,30 +71,28 @@ class TestFromPaths:
             np.testing.assert_allclose(other.padded(larger).kernels, drawn.padded(larger).kernels, atol=2e-7)
 
 
-class TestCut:
-    def test_interpolates_like_the_whole(self):
-        bank = random_bank()
-        for rows, cols in ((slice(0, 40), slice(0, 50)), (slice(11, 13), slice(3, 9)), (slice(30, 40), slice(20, 50))):
-            part = bank.cut(rows, cols)
-            for axis, (some, every, inside) in enumerate(((part.rows, bank.rows, rows), (part.cols, bank.cols, cols))):
-                weights = hat_weights(every, 50)[:, inside]
-                kept = hat_weights(some, 50)[:, inside]
-                first = int(np.searchsorted(every, some[0]))
-                np.testing.assert_array_equal(weights[first : first + len(some)], kept)
-                assert not np.delete(weights, np.s_[first : first + len(some)], axis=0).any()
-                assert part.kernels.shape[axis] == len(some)
-            corner = np.searchsorted(bank.rows, part.rows[0]), np.searchsorted(bank.cols, part.cols[0])
-            np.testing.assert_allclose(part.kernels[0, 0], bank.kernels[corner], rtol=3e-7)
+def test_interpolates_like_the_whole():
+    bank = random_bank()
+    for rows, cols in ((slice(0, 40), slice(0, 50)), (slice(11, 13), slice(3, 9)), (slice(30, 40), slice(20, 50))):
+        part = bank.cut(rows, cols)
+        for axis, (some, every, inside) in enumerate(((part.rows, bank.rows, rows), (part.cols, bank.cols, cols))):
+            weights = hat_weights(every, 50)[:, inside]
+            kept = hat_weights(some, 50)[:, inside]
+            first = int(np.searchsorted(every, some[0]))
+            np.testing.assert_array_equal(weights[first : first + len(some)], kept)
+            assert not np.delete(weights, np.s_[first : first + len(some)], axis=0).any()
+            assert part.kernels.shape[axis] == len(some)
+        corner = np.searchsorted(bank.rows, part.rows[0]), np.searchsorted(bank.cols, part.cols[0])
+        np.testing.assert_allclose(part.kernels[0, 0], bank.kernels[corner], rtol=3e-7)
 
 
-class TestTurned:
-    def test_kernels_are_turned_and_moved(self):
-        bank = random_bank()
-        turned = bank.turned(50)
-        # numpy.rot90 moves (y, x) to (width - 1 - x, y).
-        for b, s in np.ndindex(3, 2):
-            np.testing.assert_allclose(turned.kernels[1 - s, b], np.rot90(bank.kernels[b, s]), rtol=3e-7)
-            assert np.array_equal(turned.centres[1 - s, b], [49 - bank.cols[s], bank.rows[b]])
+def test_kernels_are_turned_and_moved():
+    bank = random_bank()
+    turned = bank.turned(50)
+    # numpy.rot90 moves (y, x) to (width - 1 - x, y).
+    for b, s in np.ndindex(3, 2):
+        np.testing.assert_allclose(turned.kernels[1 - s, b], np.rot90(bank.kernels[b, s]), rtol=3e-7)
+        assert np.array_equal(turned.centres[1 - s, b], [49 - bank.cols[s], bank.rows[b]])
 
 
 class TestFile:

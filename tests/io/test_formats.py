@@ -46,12 +46,11 @@ def test_json_of_sensor_logger(write: Write) -> None:
     assert facts == {"sensor": "Gyroscope", "device name": "phone", "platform": "ios"}
 
 
-class TestTrailer:
-    def test_the_ring_is_unrolled(self, write: Write) -> None:
-        facts = assert_contains_the_samples(
-            write(files.trailer(), "IMG.jpg"), "gyrodata", "phone", RATES.astype(np.float32)
-        )
-        assert facts == {"capture_ns": EPOCH + 99, "shutter_command_ns": EPOCH}
+def test_the_ring_is_unrolled(write: Write) -> None:
+    facts = assert_contains_the_samples(
+        write(files.trailer(), "IMG.jpg"), "gyrodata", "phone", RATES.astype(np.float32)
+    )
+    assert facts == {"capture_ns": EPOCH + 99, "shutter_command_ns": EPOCH}
 
 
 PLAIN = {"raw_imu": [[0.005 * i, *rate, 0, 0, 0] for i, rate in enumerate(RATES.tolist())]}
@@ -86,11 +85,10 @@ class TestGyroflowProject:
         np.testing.assert_allclose(omega[2], omega[0] @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-12)
 
 
-class TestVideo:
-    def test_gopro(self, data_dir: Path) -> None:
-        needs("telemetry")
-        with pytest.warns(RsdeblurWarning, match="stabilised"):
-            file = open_gyro(data_dir / "formats/gopro/max-heromode.mp4")
-        assert (file.format, file.axes, file.rate_unit, len(file.log)) == ("video", "gyroflow", "deg/s", 2082)
-        assert file.log.rate == pytest.approx(197.455, abs=1e-3)
-        assert file.facts["readout_time_s"] == pytest.approx(0.0206, abs=1e-5)
+def test_gopro(data_dir: Path) -> None:
+    needs("telemetry")
+    with pytest.warns(RsdeblurWarning, match="stabilised"):
+        file = open_gyro(data_dir / "formats/gopro/max-heromode.mp4")
+    assert (file.format, file.axes, file.rate_unit, len(file.log)) == ("video", "gyroflow", "deg/s", 2082)
+    assert file.log.rate == pytest.approx(197.455, abs=1e-3)
+    assert file.facts["readout_time_s"] == pytest.approx(0.0206, abs=1e-5)

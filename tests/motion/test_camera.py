@@ -44,14 +44,13 @@ def gyro_windows(camera, exposure, rows):
 POINTS = np.array([[0, 0], [95, 63], [10, 50], [44.2, 33.9], [70.25, 3.5]])
 
 
-class TestDefaults:
-    def test_one_focal_length_and_the_centre(self):
-        camera = Camera(7, 4, 5)
-        assert camera.focal_length == (5.0, 5.0)
-        assert camera.principal_point == (3.0, 1.5)
-        assert camera.readout_time == camera.time_offset == 0.0
-        assert np.array_equal(camera.imu_to_camera, np.eye(3))
-        np.testing.assert_array_equal(camera.matrix, [[5, 0, 3], [0, 5, 1.5], [0, 0, 1]])
+def test_one_focal_length_and_the_centre():
+    camera = Camera(7, 4, 5)
+    assert camera.focal_length == (5.0, 5.0)
+    assert camera.principal_point == (3.0, 1.5)
+    assert camera.readout_time == camera.time_offset == 0.0
+    assert np.array_equal(camera.imu_to_camera, np.eye(3))
+    np.testing.assert_array_equal(camera.matrix, [[5, 0, 3], [0, 5, 1.5], [0, 0, 1]])
 
 
 class TestTurned:
@@ -70,16 +69,13 @@ class TestTurned:
         assert np.array_equal(turned[y1, x1], picture[points[:, 1], points[:, 0]])
 
 
-class TestScaled:
-    @pytest.mark.parametrize("s", [0.5, 2.0, 0.25, 1.0, 0.3])
-    def test_rays_keep_their_pixel_edges(self, camera, s):
-        small = camera.scaled(s)
-        assert (small.width, small.height) == (round(96 * s), round(64 * s))
-        # Resizing maps pixel edges onto each other. They are at halves, because pixel centres are at integers.
-        ratio = np.array([small.width / 96, small.height / 64])
-        np.testing.assert_allclose(
-            directions(small, (POINTS + 0.5) * ratio - 0.5), directions(camera, POINTS), atol=1e-12
-        )
+@pytest.mark.parametrize("s", [0.5, 2.0, 0.25, 1.0, 0.3])
+def test_rays_keep_their_pixel_edges(camera, s):
+    small = camera.scaled(s)
+    assert (small.width, small.height) == (round(96 * s), round(64 * s))
+    # Resizing maps pixel edges onto each other. They are at halves, because pixel centres are at integers.
+    ratio = np.array([small.width / 96, small.height / 64])
+    np.testing.assert_allclose(directions(small, (POINTS + 0.5) * ratio - 0.5), directions(camera, POINTS), atol=1e-12)
 
 
 class TestCropped:

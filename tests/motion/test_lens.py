@@ -51,18 +51,17 @@ class TestInverse:
         assert np.isnan(seen[..., :2]).all(axis=-1).tolist() == [False, True]
 
 
-class TestOracles:
-    @MODELS
-    def test_opencv_projects_alike(self, model, k, pixels):
-        cv2 = needs("bench")
-        camera = camera_of(model, k)
-        directions = np.ascontiguousarray(camera.rays(pixels).reshape(-1, 1, 3))
-        zero, coefficients = np.zeros(3), np.array(k or (0.0,) * 4)
-        if model == "fisheye":
-            points, _ = cv2.fisheye.projectPoints(directions, zero, zero, camera.matrix, coefficients)
-        else:
-            points, _ = cv2.projectPoints(directions, zero, zero, camera.matrix, coefficients)
-        np.testing.assert_allclose(points.reshape(pixels.shape), pixels, atol=1e-8)
+@MODELS
+def test_opencv_projects_alike(model, k, pixels):
+    cv2 = needs("bench")
+    camera = camera_of(model, k)
+    directions = np.ascontiguousarray(camera.rays(pixels).reshape(-1, 1, 3))
+    zero, coefficients = np.zeros(3), np.array(k or (0.0,) * 4)
+    if model == "fisheye":
+        points, _ = cv2.fisheye.projectPoints(directions, zero, zero, camera.matrix, coefficients)
+    else:
+        points, _ = cv2.projectPoints(directions, zero, zero, camera.matrix, coefficients)
+    np.testing.assert_allclose(points.reshape(pixels.shape), pixels, atol=1e-8)
 
 
 def test_wild_coefficients_are_refused_or_right(pixels: np.ndarray) -> None:
