@@ -55,8 +55,7 @@ def solvers(threads: int) -> dict[str, Apply]:
         return quadratic.apply(picture, out, prior=DerivativePrior("tv", 1e-3))
 
     def row_blur(picture: Image, out: Image | None = None) -> Image:
-        result = blur.forward(blur.adjoint(picture))
-        return result if out is None else np.copyto(out, result) or out
+        return np.positive(blur.forward(blur.adjoint(picture)), out=out)
 
     by_name: dict[str, Apply] = {name: Deconvolver(bank, shape, threads=threads).apply for name, bank in banks.items()}
     methods: tuple[Literal["direct", "cg"], ...] = ("direct", "cg")
