@@ -17,7 +17,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import _metadata, read_picture, write_picture
-from rsdeblur.io.exif import Exif, renewed
+from rsdeblur.io.exif import Exif, block_of, renewed, tags_of, with_orientation
 from rsdeblur.io.picture_output import iptc_segment, picture_to_fill
 from rsdeblur.io.pictures import Picture
 from tests.hostile.packets import KEPT, LOST, with_thumbnail
@@ -99,6 +99,13 @@ def test_sizes_are_those_of_the_new_picture(exif: bytes) -> None:
     assert values(renewed(exif, 100_000, 300, lambda _: None))[0x8769][0xA002] == 100_000
     # A thumbnail that does not fit is removed.
     assert b"blurred thumbnail" not in half
+
+
+def test_the_orientation_is_set_or_added() -> None:
+    without = block_of({tag: value for tag, value in tags_of(block()).items() if tag != 274})
+    for exif in (block("<"), block(), without):
+        assert values(with_orientation(exif, 8)) == values(exif) | {274: 8}
+    assert all(values(with_orientation(exif, 8))[274] == 8 for exif in (None, b"", b"Exif\0\0nonsense"))
 
 
 def segment(marker: int, body: bytes) -> bytes:

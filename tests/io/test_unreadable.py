@@ -297,7 +297,7 @@ TOML: list[Fault] = [
         'distortion_model = "fisheye"\ndistortion = [1e308, 1e308, 1e308, 1e308]')),
     ("width = 6\nheight = 4\nfocal_length = 8\nread_out = 0.1", 0, "'read_out'; did you mean 'readout_time'"),
     ("width = 6\nreadout_time = 0.1", 0, "lacks height, focal"),
-    ("width = 6\nheight 4", 0, "TOML .*line 2"),
+    *((b"width = 6\xff", 0, "UTF-8"), ("width = 6\nheight 4", 0, "TOML .*line 2")),
     *((toml(line), 0, words) for line, words in (
         ("focal_length = 'long'", "focal_length must be"), ("readout_direction = 1", "readout_direction must be"),
         # TOML allows integers of any length.

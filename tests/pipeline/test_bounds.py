@@ -100,7 +100,7 @@ def test_the_search_ends_where_the_log_does() -> None:
     """Ten years are searched as fast as the log: what it does not cover takes no time."""
     log = hand_shake(0.2, strength=1.0, seed=3)
     tried: list[str] = []
-    sheet = simulate(scene(64, 80), log, Camera(80, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.05)).blurred
+    sheet = simulate(scene(64, 80)[..., 1], log, Camera(80, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.05)).blurred
     found = find_time_offset(
         *(sheet, log, Camera(80, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.05)),
         search=(-3e8, 3e8),

@@ -128,7 +128,7 @@ def test_auto_transfer_is_srgb_for_integers_and_linear_for_floats() -> None:
         ]
         np.testing.assert_array_equal(*results)
     searches = [
-        find_time_offset(stored, log, CAMERA, EXPOSURE, search=(-0.004, 0.004), transfer=chosen).scores
+        find_time_offset(stored[..., 1], log, CAMERA, EXPOSURE, search=(-0.004, 0.004), transfer=chosen).scores
         for chosen in ("auto", "srgb")
     ]
     np.testing.assert_array_equal(*searches)
