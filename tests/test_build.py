@@ -64,12 +64,10 @@ def loaded_modules(path, *, in_functions=False):
             pending += ast.iter_child_nodes(node)
 
 
-def package_modules(path):
+def imported_names(path):
     """Yield the dotted names, without `rsdeblur.`, of everything that a file imports anywhere."""
     for node in ast.walk(parsed(path)):
-        if isinstance(node, ast.Import):
-            yield from (alias.name.removeprefix("rsdeblur.") for alias in node.names if "rsdeblur." in alias.name)
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rsdeblur"):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rsdeblur"):
             module = node.module.removeprefix("rsdeblur").lstrip(".")
             yield from (f"{module}.{alias.name}".lstrip(".") for alias in node.names)
 
@@ -99,7 +97,7 @@ def crossings(path, imported):
 
 
 def test_only_paths_and_psfs_cross_between_motion_and_deconvolution():
-    found = {str(path): crossings(path, package_modules(path)) for path in MODULES}
+    found = {str(path): crossings(path, imported_names(path)) for path in MODULES}
     assert not {path: names for path, names in found.items() if names}
 
 
@@ -142,20 +140,10 @@ def test_public_names_resolve():
             assert getattr(package, name) is not None
     assert set(rsdeblur.__all__) > {"deblur", "simulate", "GyroLog", "Camera", "RsdeblurError", "__version__"}
     assert len(rsdeblur.__all__) <= 40
-    # Every name has one place.
-    assert not any(set(rsdeblur.__all__) & set(package.__all__) for package in packages)
-
-
-def test_modules_are_found_without_importing_them(tmp_path):
-    code = "import rsdeblur; print(rsdeblur.motion.Capture.__name__, rsdeblur.io.read_depths.__name__)"
-    process = python(code, cwd=tmp_path)
-    assert (process.stdout, process.stderr) == ("Capture read_depths\n", "")
-    assert {"motion", "io", "plot"} <= set(dir(rsdeblur)) - set(rsdeblur.__all__)
-
-
-def test_no_room_is_named_like_a_public_name():
-    """A module or folder of that name would hide the public name."""
+    # No module or folder hides a public name, and every name has one place.
     assert not set(LADDER) & set(rsdeblur.__all__)
+    assert {"motion", "io", "plot"} <= set(dir(rsdeblur)) - set(rsdeblur.__all__)
+    assert not any(set(rsdeblur.__all__) & set(package.__all__) for package in packages)
 
 
 def test_show_config_prints_what_it_returns(capsys):
@@ -193,14 +181,3 @@ def test_the_bare_source_folder_says_what_to_do():
     assert process.returncode == 1
     assert "ImportError: rsdeblur was imported from its source folder" in process.stderr
     assert "pip install" in process.stderr
-
-
-def test_benchmarks_prefer_the_installed_package():
-    code = """
-import sys
-sys.path.insert(0, ".")
-import benchmarks, rsdeblur
-print(rsdeblur.__version__)
-"""
-    process = python(code, cwd=ROOT)
-    assert process.stdout.strip() == rsdeblur.__version__, process.stderr

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 import rsdeblur
-from benchmarks.tutorials import BLOCK, steps
+from benchmarks.tutorials import BLOCK, Step, steps
 from rsdeblur._util import workers
 from rsdeblur.cli import main
 
@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(page for page in [*ROOT.glob("*.md"), *DOCS.rglob("*.md")] if "generated" not in page.parts)
 # Pages that follow each other, on the same files.
-WALKTHROUGH = ("tutorials/first-photo.md", "good-data.md")
+WALKTHROUGH = ("tutorials/first-photo.md", "good-data.md", "tutorials/own-kernels.md")
 
 
 def commands(page: Path) -> list[str]:
@@ -35,30 +35,35 @@ def slug(heading: str) -> str:
     return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
 
 
+def follow(step: Step, size: str) -> None:
+    """Run a step of a page in this process, on a smaller picture, which tests the same in a fraction of the time."""
+    if step.needs:
+        return
+    if step.language == "python":
+        exec(compile(step.text, "page", "exec"), {})
+    elif not step.text.startswith("rsdeblur "):
+        subprocess.run(step.text, shell=True, check=True)
+    else:
+        words = shlex.split(re.sub(r"--size \d+x\d+(?= -o s)", f"--size {size}", step.text.replace("\\\n", "")))[1:]
+        result = CliRunner().invoke(main, words, catch_exceptions=False)
+        assert (result.exit_code != 0) == step.is_refused, f"{step.text}: {result.stderr}"
+        assert "warning" not in result.stderr
+
+
 def test_the_commands_of_the_walkthrough_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    # A command that an earlier page has too runs once.
-    for command in dict.fromkeys(command for page in WALKTHROUGH for command in commands(DOCS / page)):
-        # A smaller picture tests the same in a fraction of the time.
-        words = shlex.split(command.replace("\\\n", "").replace("--size 640x480", "--size 264x198"))
-        if words[0] == "rsdeblur":
-            result = CliRunner().invoke(main, words[1:], catch_exceptions=False)
-            assert result.exit_code == 0, f"{command}: {result.stderr}"
-        else:
-            subprocess.run(command, shell=True, check=True)
-    written = {file.name for file in tmp_path.glob("shot/*")}
-    assert {"mine.png", "map.png", "kernels.png"} <= written
+    # A step that an earlier page has too runs once.
+    for step in dict.fromkeys(step for page in WALKTHROUGH for step in steps(DOCS / page)):
+        # A small picture does not determine the offset; tests/cli/test_commands.py has one that does.
+        if not step.text.startswith("rsdeblur sync "):
+            follow(step, "120x96")
+    assert {"mine.png", "map.png", "kernels.png"} <= {file.name for file in tmp_path.glob("shot/*")}
+    assert (tmp_path / "python.png").stat().st_size > 0
     assert rsdeblur.read_camera(tmp_path / "phone.toml").readout_time == 0.0056
 
 
-@pytest.mark.parametrize(
-    ("name", "made"),
-    [("many-photos", "session-sharp/frame0003.png"), ("own-kernels", "python.png")],
-)
-def test_a_tutorial_can_be_followed_from_an_empty_folder(
-    name: str, made: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Short pages, in this process and on small pictures; ``python -m benchmarks.tutorials`` follows all as printed."""
+def test_the_page_of_many_photos_can_be_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """``python -m benchmarks.tutorials`` follows all pages as printed."""
     monkeypatch.chdir(tmp_path)
 
     def in_this_process(work, tasks, **_):  # saves the start of workers
@@ -66,19 +71,9 @@ def test_a_tutorial_can_be_followed_from_an_empty_folder(
             yield task, workers.attempt(work, task)
 
     monkeypatch.setattr(workers, "run", in_this_process)
-    for step in steps(DOCS / f"tutorials/{name}.md"):
-        if step.needs:
-            continue
-        if step.language == "python":
-            exec(compile(step.text, name, "exec"), {})
-        elif not step.text.startswith("rsdeblur "):
-            subprocess.run(step.text, shell=True, check=True)
-        else:
-            words = shlex.split(re.sub(r"--size \d+x\d+", "--size 80x64", step.text.replace("\\\n", "")))[1:]
-            result = CliRunner().invoke(main, words, catch_exceptions=False)
-            assert (result.exit_code != 0) == step.is_refused, f"{step.text}: {result.stderr}"
-            assert "warning" not in result.stderr
-    assert (tmp_path / made).stat().st_size > 0
+    for step in steps(DOCS / "tutorials/many-photos.md"):
+        follow(step, "80x64")
+    assert (tmp_path / "session-sharp/frame0003.png").stat().st_size > 0
 
 
 def test_the_python_of_the_readme_runs_without_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,7 +82,6 @@ def test_the_python_of_the_readme_runs_without_data(tmp_path: Path, monkeypatch:
     code = [content for language, content in blocks if language == "python"]
     names: dict[str, Any] = {}
     for content in code:
-        # A picture of a quarter of the width tests the same in a fraction of the time.
         small = content.replace("640, 480, 700", "160, 120, 175").replace("scene(608, 768)", "scene(152, 192)")
         exec(compile(small, "README.md", "exec"), names)
     assert names["sharp"].shape == names["blurred"].shape

@@ -11,7 +11,7 @@ import pytest
 
 import rsdeblur as rs
 import rsdeblur.io.pictures
-from rsdeblur import Camera, Exposure, InputError, PsfBank, deconv
+from rsdeblur import Camera, Exposure, PsfBank, deconv
 
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 LOG, CAMERA, EXPOSURE = rs.hand_shake(0.3, seed=3), Camera(48, 36, 60.0, readout_time=0.01), Exposure(0.1, 0.025)
@@ -75,29 +75,3 @@ def test_the_kernel_at_a_point_is_interpolated() -> None:
     for y, share in ((-7, 0), (10, 0), (15, 0.25), (30, 1), (99, 1)):
         # One rounding to float32 of the kernels and one of the sum.
         np.testing.assert_allclose(bank.at(y, 100), (1 - share) * down + share * across, atol=1e-7)
-    with pytest.raises(InputError, match="y must be a number"):
-        bank.at("top", 0)
-
-
-class Lazy:
-    """What Dask's arrays and xarray's arrays of them offer."""
-
-    def __dask_graph__(self) -> dict[str, int]:
-        return {"chunk": 1}
-
-
-@pytest.mark.parametrize(
-    ("image", "hint"),
-    [
-        (Lazy(), r"image is lazy .*compute\(\).*mmap_mode"),
-        ("photo.png", "rsdeblur.read_picture"),
-        (Path("photo.png"), "rsdeblur.read_picture"),
-        (rs.io.pictures.Picture(np.zeros((36, 48), np.uint8)), "pass its .pixels"),
-    ],
-    ids=["lazy", "name", "path", "picture"],
-)
-def test_pictures_in_another_form_are_refused_with_a_hint(image: object, hint: str) -> None:
-    with pytest.raises(InputError, match=hint):
-        rs.deblur(image, LOG, CAMERA, EXPOSURE)
-    with pytest.raises(InputError, match=hint):
-        rs.Deconvolver(BANK, (36, 48)).apply(image)

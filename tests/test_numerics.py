@@ -33,8 +33,8 @@ deblur = partial(rsdeblur.deblur, prior="wiener")
 EPOCH = 1_766_385_749_427_863_801
 MIRRORED = {"left-right": "right-left", "right-left": "left-right", "top-down": "bottom-up", "bottom-up": "top-down"}
 
-few = settings(derandomize=True, deadline=None, max_examples=12)
-several = settings(derandomize=True, deadline=None, max_examples=20)
+few = settings(derandomize=True, deadline=None, max_examples=8)
+several = settings(derandomize=True, deadline=None, max_examples=12)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rsdeblur.deconv.tiling import hat_weights
-from rsdeblur.errors import FileFormatError, InputError, OutputError
+from rsdeblur.errors import FileFormatError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.paths import BlurPaths, Capture
@@ -29,50 +29,18 @@ def assert_same(a, b):
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=3e-7, atol=1e-12, err_msg=name)
 
 
-class TestKernels:
-    @pytest.mark.parametrize(
-        ("shape", "grid"), [((3, 5), (1, 1)), ((4, 3, 5), (4, 1)), ((4, 2, 3, 5), (4, 2)), ((1, 1), (1, 1))]
-    )
-    def test_one_band_or_tiles(self, shape, grid):
-        kernels = np.full(shape, 1 / (shape[-1] * shape[-2]))
-        bank = PsfBank.for_picture(kernels, (40, 60, 3))
-        assert bank.kernels.shape == (*grid, *shape[-2:])
-        assert bank.kernels.dtype == np.float32
-        assert bank.size == shape[-2:]
-        assert bank.centres.shape == (*grid, 2)
-
-    def test_holds_its_own_read_only_arrays(self):
-        kernel = np.ones((1, 1))
-        bank = PsfBank.for_picture(kernel, (8, 8))
-        kernel[:] = 7
-        assert bank.kernels[0, 0, 0, 0] == 1
-        for array in (bank.kernels, bank.rows, bank.cols):
-            assert not array.flags.writeable
-
-    @pytest.mark.parametrize(
-        ("kernels", "message"),
-        [
-            (np.ones((2, 3)) / 6, "odd sizes, .* got 2x3"),
-            (np.stack([np.full((3, 3), 1 / 9), np.full((3, 3), 0.112)]), "a sum of 1.008"),
-            (np.full((3, 3), math.nan), "kernels must be finite"),
-            (np.ones(1), "must have shape"),
-            (np.ones((3, 0, 3)), r"got \(3, 0, 3\)"),
-        ],
-    )
-    def test_refuses(self, kernels, message):
-        with pytest.raises(InputError, match=message):
-            PsfBank.for_picture(kernels, (40, 60))
-
-    @pytest.mark.parametrize(
-        ("rows", "cols", "message"),
-        [
-            ([0, 1], [0, 1], r"rows must have shape \(3\), got \(2,\)"),
-            ([0, 1, 2], [1, 1], "cols must increase"),
-        ],
-    )
-    def test_centres_fit_the_kernels(self, rows, cols, message):
-        with pytest.raises(InputError, match=message):
-            PsfBank(random_bank().kernels, rows, cols)
+@pytest.mark.parametrize(
+    ("shape", "grid"), [((3, 5), (1, 1)), ((4, 3, 5), (4, 1)), ((4, 2, 3, 5), (4, 2)), ((1, 1), (1, 1))]
+)
+def test_one_band_or_tiles(shape, grid):
+    kernels = np.full(shape, 1 / (shape[-1] * shape[-2]))
+    bank = PsfBank.for_picture(kernels, (40, 60, 3))
+    kernels[:] = 7
+    assert (bank.kernels.shape, bank.kernels.dtype, bank.size) == ((*grid, *shape[-2:]), np.float32, shape[-2:])
+    assert bank.centres.shape == (*grid, 2)
+    # The bank has its own read-only arrays.
+    assert bank.kernels.max() <= 1
+    assert not any(array.flags.writeable for array in (bank.kernels, bank.rows, bank.cols))
 
 
 class TestFromPaths:
@@ -102,50 +70,29 @@ class TestFromPaths:
             larger = tuple(max(a, b) for a, b in zip(drawn.size, other.size, strict=True))
             np.testing.assert_allclose(other.padded(larger).kernels, drawn.padded(larger).kernels, atol=2e-7)
 
-    @pytest.mark.parametrize(
-        ("displacements", "message"),
-        [
-            (np.zeros((1, 1, 2)), r"displacements must have shape \(B, S, T, 2\) for 1 x 1 kernels"),
-            (np.zeros((1, 1, 1, 2)), "T >= 2 times"),
-            (np.full((1, 1, 2, 2), math.nan), "displacements must be finite"),
-            (np.array([[[[0.0, 0.0], [0.0, 1.2]]]]), "must lie within the kernels that draw them"),
-        ],
-    )
-    def test_refuses_paths_that_do_not_fit(self, displacements, message):
-        with pytest.raises(InputError, match=message):
-            PsfBank(np.ones((3, 3)) / 9, [4.0], [5.0], displacements)
+
+def test_interpolates_like_the_whole():
+    bank = random_bank()
+    for rows, cols in ((slice(0, 40), slice(0, 50)), (slice(11, 13), slice(3, 9)), (slice(30, 40), slice(20, 50))):
+        part = bank.cut(rows, cols)
+        for axis, (some, every, inside) in enumerate(((part.rows, bank.rows, rows), (part.cols, bank.cols, cols))):
+            weights = hat_weights(every, 50)[:, inside]
+            kept = hat_weights(some, 50)[:, inside]
+            first = int(np.searchsorted(every, some[0]))
+            np.testing.assert_array_equal(weights[first : first + len(some)], kept)
+            assert not np.delete(weights, np.s_[first : first + len(some)], axis=0).any()
+            assert part.kernels.shape[axis] == len(some)
+        corner = np.searchsorted(bank.rows, part.rows[0]), np.searchsorted(bank.cols, part.cols[0])
+        np.testing.assert_allclose(part.kernels[0, 0], bank.kernels[corner], rtol=3e-7)
 
 
-class TestCut:
-    def test_interpolates_like_the_whole(self):
-        bank = random_bank()
-        for rows, cols in ((slice(0, 40), slice(0, 50)), (slice(11, 13), slice(3, 9)), (slice(30, 40), slice(20, 50))):
-            part = bank.cut(rows, cols)
-            for axis, (some, every, inside) in enumerate(((part.rows, bank.rows, rows), (part.cols, bank.cols, cols))):
-                weights = hat_weights(every, 50)[:, inside]
-                kept = hat_weights(some, 50)[:, inside]
-                first = int(np.searchsorted(every, some[0]))
-                np.testing.assert_array_equal(weights[first : first + len(some)], kept)
-                assert not np.delete(weights, np.s_[first : first + len(some)], axis=0).any()
-                assert part.kernels.shape[axis] == len(some)
-            corner = np.searchsorted(bank.rows, part.rows[0]), np.searchsorted(bank.cols, part.cols[0])
-            np.testing.assert_allclose(part.kernels[0, 0], bank.kernels[corner], rtol=3e-7)
-
-
-class TestTurned:
-    def test_four_turns_are_the_identity(self):
-        bank = random_bank()
-        height, width = 40, 50
-        turned = bank.turned(width).turned(height).turned(width).turned(height)
-        assert_same(turned, bank)
-
-    def test_kernels_are_turned_and_moved(self):
-        bank = random_bank()
-        turned = bank.turned(50)
-        # numpy.rot90 moves (y, x) to (width - 1 - x, y).
-        for b, s in np.ndindex(3, 2):
-            np.testing.assert_allclose(turned.kernels[1 - s, b], np.rot90(bank.kernels[b, s]), rtol=3e-7)
-            assert np.array_equal(turned.centres[1 - s, b], [49 - bank.cols[s], bank.rows[b]])
+def test_kernels_are_turned_and_moved():
+    bank = random_bank()
+    turned = bank.turned(50)
+    # numpy.rot90 moves (y, x) to (width - 1 - x, y).
+    for b, s in np.ndindex(3, 2):
+        np.testing.assert_allclose(turned.kernels[1 - s, b], np.rot90(bank.kernels[b, s]), rtol=3e-7)
+        assert np.array_equal(turned.centres[1 - s, b], [49 - bank.cols[s], bank.rows[b]])
 
 
 class TestFile:
@@ -162,12 +109,6 @@ class TestFile:
             assert other.softness == 0.6
         # What is drawn is cut off at three deviations.
         np.testing.assert_allclose(np.abs(np.arange(-2, 3)) ** 2 @ bank.kernels[0, 0].sum(axis=0), 0.36, rtol=0.05)
-        with pytest.raises(InputError, match="softness belongs to displacements"):
-            PsfBank(bank.kernels, bank.rows, bank.cols, softness=0.6)
-
-    def test_name_is_kept(self, tmp_path):
-        random_bank().save(tmp_path / "bank.psf")
-        assert [path.name for path in tmp_path.iterdir()] == ["bank.psf"]
 
     def test_bad_files_are_named(self, tmp_path):
         bank = random_bank()
@@ -181,8 +122,3 @@ class TestFile:
         for path in (tmp_path / "none.npz", tmp_path):
             with pytest.raises(FileFormatError, match="cannot read the PSF bank: "):
                 PsfBank.load(path)
-
-    def test_unwritable_is_named(self, tmp_path):
-        with pytest.raises(OutputError, match="cannot write the file"):
-            random_bank().save(tmp_path / "missing" / "bank.npz")
-        assert not list(tmp_path.iterdir())

@@ -186,41 +186,6 @@ def test_what_is_no_path_is_refused(function: Call) -> None:
             function(path)
 
 
-def test_a_path_is_no_object() -> None:
-    """Those who pass a file's path learn which function reads it."""
-    with pytest.raises(InputError, match=r"log must be a GyroLog, got '?\w+.*; rsdeblur.read_gyro reads one"):
-        rs.psfs(Path("gyro.csv"), CAMERA, EXPOSURE)
-    with pytest.raises(InputError, match=r"camera must be a Camera, got 'phone.toml'; rsdeblur.read_camera reads one"):
-        rs.psfs(LOG, "phone.toml", EXPOSURE)
-
-
-def test_numbers_that_are_out_of_range_are_refused() -> None:
-    """None of them is converted with a warning of NumPy, or fills the memory."""
-    huge = np.full(SHAPE, 1e300)
-
-    def longest(reach: float) -> BlurPaths:
-        return BlurPaths(np.array([[0.0, 0.0], [reach, reach]]) * np.ones((36, 1, 1, 1)), np.arange(36), [20.0])
-
-    calls: dict[str, Callable[[], Any]] = {
-        "kernels must not be beyond": lambda: PsfBank.for_picture([[1e300]], SHAPE),
-        "picture must not have values beyond": lambda: BLUR.adjoint(huge),
-        "latent must be finite": lambda: BLUR.forward(np.full(BLUR.latent_shape, np.nan)),
-        "at most 2000000000 values": lambda: deconv.RowBlur(PATHS, 10**9),
-        "the paths reach 1e+300 px, further than any picture": lambda: longest(1e300),
-        "36 x 1 PSFs of 2000003x2000003 px would take": lambda: PsfBank.from_paths(longest(1e6)),
-        "PSFs of 1000009x1000009 px would take": lambda: deconv.RowBlur(longest(1e6), 48),
-        "PSFs of 1000001x1000001 px would take": lambda: BANK.padded((1_000_001, 1_000_001)),
-        "cols must be finite": lambda: BlurPaths(PATHS.displacements, PATHS.rows, [np.nan]),
-        "t1 must be at most": lambda: LOG.covering(0.0, 1e300, 0),
-        "values must be floats, got uint8": lambda: rs.to_linear(PIXELS, "srgb"),
-        "sd must be at least 0, got -1": lambda: rs.calibration.Estimate(1.0, -1.0, "s"),
-        "roll must be finite, got inf": lambda: rs.Correction(roll=np.inf),
-    }
-    for message, call in calls.items():
-        with pytest.raises(InputError, match=re.escape(message)):
-            call()
-
-
 def test_noise_of_minus_zero_is_none() -> None:
     assert np.isfinite(rs.simulate(IMAGE, LOG, CAMERA, EXPOSURE, noise=-0.0).blurred).all()
 

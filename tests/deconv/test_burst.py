@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, Deconvolver, Exposure, InputError, PsfBank, hand_shake
+from rsdeblur import Camera, Deconvolver, Exposure, PsfBank, hand_shake
 from rsdeblur.choices import Solver
 from rsdeblur.deconv import DerivativePrior, RowDeconvolver, TileQuadratic
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import LatentPrior
-from rsdeblur.deconv.rowwise_blur import RowBlur
-from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.motion import BlurPaths
 from rsdeblur.motion.alignment import Alignment, burst_captures
 from rsdeblur.simulation.scene import scene
@@ -46,31 +44,6 @@ def test_one_frame_is_the_solver_of_one_picture(picture: np.ndarray, wiener: boo
     np.testing.assert_allclose(got, expected, atol=2e-5)
 
 
-def test_equal_frames_are_one_and_their_order_is_free(picture: np.ndarray) -> None:
-    bank, other = bar(3, 4), bar(1, 2)
-    once = BurstQuadratic([bank, other], [0.5, 0.5], SHAPE).apply([picture, picture], prior=TV)
-    twice = BurstQuadratic([bank, bank, other], [0.25, 0.25, 0.5], SHAPE).apply([picture] * 3, prior=TV)
-    np.testing.assert_allclose(twice, once, atol=2e-5)
-    turned = BurstQuadratic([other, bank], [0.5, 0.5], SHAPE).apply([picture, picture], prior=TV)
-    np.testing.assert_allclose(turned, once, atol=2e-5)
-
-
-def test_frames_restore_what_each_has_lost(picture: np.ndarray) -> None:
-    banks = [bar(4, 1), bar(1, 4)]
-    blurred = [TileBlur(bank, SHAPE).forward(picture) for bank in banks]
-    rng = np.random.default_rng(1)
-    noisy = [light + rng.normal(0, 0.01, SHAPE).astype(np.float32) for light in blurred]
-    solver = BurstQuadratic(banks, [0.5, 0.5], SHAPE, nsr=0.01, wiener=True)
-    inner = np.s_[12:-12, 12:-12]
-
-    def error(result: np.ndarray) -> float:
-        return float(np.square(result - picture)[inner].mean())
-
-    alone = [error(Deconvolver(b, SHAPE, nsr=0.01).apply(g)) for b, g in zip(banks, noisy, strict=True)]
-    # Noise alone would give half; what one bar has lost, the other has kept.
-    assert error(solver.apply(noisy)) < 0.5 * min(alone)
-
-
 @pytest.fixture(scope="module")
 def paths() -> list[BlurPaths]:
     """Paths of every row of two frames, bent differently."""
@@ -101,31 +74,3 @@ def test_what_the_steps_keep_changes_nothing(
         monkeypatch.setattr("rsdeblur.deconv.rowwise_solver.ASSEMBLED_BYTES", room)
         # Sums are taken in another order.
         np.testing.assert_allclose(solver.apply([picture, picture], prior=TV), kept, atol=2e-5)
-
-
-def test_rowwise_frames_restore_what_each_has_lost(picture: np.ndarray, paths: list[BlurPaths]) -> None:
-    solver, rng, noisy = RowBurst(paths, [0.5, 0.5], SHAPE, nsr=0.003), np.random.default_rng(1), []
-    for path in paths:
-        blur = RowBlur(path, SHAPE[1], channels=SHAPE[2])
-        below = blur.latent_shape[0] + blur.top - SHAPE[0]
-        blurred = blur.forward(np.pad(picture, ((-blur.top, below), (0, 0), (0, 0)), mode="reflect"))
-        noisy.append(blurred + rng.normal(0, 0.01, SHAPE).astype(np.float32))
-    inner = np.s_[12:-12, 12:-12]
-
-    def error(result: np.ndarray) -> float:
-        return float(np.square(result - picture)[inner].mean())
-
-    alone = [error(RowDeconvolver(p, SHAPE, nsr=0.003).apply(g)) for p, g in zip(paths, noisy, strict=True)]
-    assert error(solver.apply(noisy)) < 0.6 * min(alone)
-
-
-def test_refusals(picture: np.ndarray) -> None:
-    bank = bar(3, 4)
-    with pytest.raises(InputError, match="sum to 1"):
-        BurstQuadratic([bank, bank], [0.5, 0.6], SHAPE)
-    with pytest.raises(InputError, match="share for each frame"):
-        BurstQuadratic([bank], [0.5, 0.5], SHAPE)
-    with pytest.raises(InputError, match="same places"):
-        BurstQuadratic([bank, PsfBank.for_picture(bank.kernels[:1], SHAPE)], [0.5, 0.5], SHAPE)
-    with pytest.raises(InputError, match="planned for 1 pictures"):
-        BurstQuadratic([bank], [1.0], SHAPE).apply([picture, picture])

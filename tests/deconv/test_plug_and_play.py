@@ -1,4 +1,4 @@
-"""A denoiser as the prior: the coupling of both solvers, and the laws of the loop."""
+"""Learned wavelets and a denoiser as the prior: the coupling of both solvers, and the laws of the loop."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from rsdeblur import InputError, PsfBank, deconvolve
-from rsdeblur.deconv import PlugAndPlayPrior, TileQuadratic
-from rsdeblur.deconv.coupling import TO_PICTURE
+from rsdeblur.deconv import DerivativePrior, PlugAndPlayPrior, TileQuadratic
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
+from rsdeblur.deconv.wavelet import WaveletPrior
+from rsdeblur.estimate import Tuning
 from rsdeblur.simulation.scene import scene
 
 KERNEL = np.zeros((7, 9))
@@ -22,20 +23,6 @@ def tiles(shape: tuple[int, ...] = SHAPE, nsr: float = 1e-3) -> TileQuadratic:
 
 def same(image: np.ndarray, sigma: float) -> np.ndarray:
     return image
-
-
-def test_tiles_solve_near_a_target() -> None:
-    rng, nsr, beta = np.random.default_rng(0), 1e-3, 0.2
-    picture, target = rng.random((2, *SHAPE), dtype=np.float32)
-    solver = tiles(nsr=nsr)
-    solver.prepare(picture)
-    found = solver.solve(beta, target[..., None].copy(), TO_PICTURE)[..., 0]
-    padded = np.zeros(SHAPE)
-    padded[: KERNEL.shape[0], : KERNEL.shape[1]] = KERNEL
-    otf = np.fft.fft2(np.roll(padded, (-3, -4), (0, 1)))
-    right = (1 + nsr) * otf.conj() * np.fft.fft2(picture) + beta * np.fft.fft2(target)
-    # float32 transforms of values near 1.
-    np.testing.assert_allclose(found, np.fft.ifft2(right / (np.abs(otf) ** 2 + nsr + beta)).real, atol=1e-5)
 
 
 def test_a_constant_picture_is_unchanged() -> None:
@@ -81,3 +68,35 @@ def test_a_denoiser_is_a_prior_of_deconvolve() -> None:
     # The weight allows for errors of the paths as well, which are about a hundredth of the light here.
     assert 1 <= result.weight / (WEIGHT_OF_VARIANCE * 0.01**2) < 3
     assert np.square(result.image - sharp).mean() < np.square(blurred - sharp).mean()
+
+
+WIDE = 90, 300, 3
+SPARSE = DerivativePrior("hyper-laplacian", 0.001)
+
+
+def solver(**options) -> TileQuadratic:
+    return TileQuadratic(PsfBank.for_picture(KERNEL, WIDE), WIDE, border="periodic", nsr=1e-6, **options)
+
+
+def blurred(light: np.ndarray, noise: float = 0.01) -> np.ndarray:
+    padded = np.zeros(WIDE[:2])
+    padded[: KERNEL.shape[0], : KERNEL.shape[1]] = KERNEL
+    spectrum = np.fft.rfft2(np.roll(padded, (-3, -4), (0, 1)))[..., None] * np.fft.rfft2(light, axes=(0, 1))
+    picture = np.fft.irfft2(spectrum, WIDE[:2], axes=(0, 1))
+    return (picture + np.random.default_rng(0).normal(0, noise, WIDE)).astype(np.float32)
+
+
+def prior_for(picture: np.ndarray) -> WaveletPrior:
+    return Tuning.of(picture, PsfBank.for_picture(KERNEL, WIDE), one_filter=True, repeats=True).wavelet()
+
+
+def test_it_beats_the_gradient_prior_of_its_weight() -> None:
+    sharp = scene(*WIDE[:2])
+    picture = blurred(sharp)
+    prior = prior_for(picture)
+
+    def error(image: np.ndarray) -> float:
+        return float(np.sqrt(np.square(image - sharp).mean()))
+
+    gradient = solver().apply(picture, prior=DerivativePrior("gradient", prior.weight))
+    assert error(solver().apply(picture, prior=prior)) < 0.9 * error(gradient)

@@ -20,43 +20,6 @@ def picture() -> np.ndarray:
     return np.random.default_rng(7).random((H, W, 3), dtype=np.float32)
 
 
-def dense_blur(paths) -> np.ndarray:
-    """Return the matrix of RowBlur for one channel; a single call has one channel per latent pixel."""
-    pixels = RowBlur(paths, W).shape[1]
-    blur = RowBlur(paths, W, channels=pixels)
-    return blur.forward(np.eye(pixels).reshape(blur.latent_shape)).reshape(-1, pixels).astype(float)
-
-
-def dense_gradients(rows: int) -> tuple[np.ndarray, np.ndarray]:
-    pixels = np.eye(rows * W).reshape(rows, W, rows * W)
-    across = (np.roll(pixels, -1, axis=1) - pixels).reshape(-1, rows * W)
-    down = np.zeros_like(pixels)
-    down[:-1] = np.diff(pixels, axis=0)
-    return across, down.reshape(-1, rows * W)
-
-
-@pytest.mark.parametrize("solver", ["direct", "cg"])
-@pytest.mark.parametrize(("nsr", "beta"), [(0.01, 0.0), (1e-4, 1000.0)])
-def test_solve_is_the_dense_minimum(picture, solver, nsr, beta, monkeypatch):
-    monkeypatch.setattr("rsdeblur.deconv.rowwise_cg.TOLERANCE", 1e-6)
-    paths, rng = wavy_paths(down=2.0), np.random.default_rng(3)
-    grey = np.ascontiguousarray(picture[..., 0])
-    term = RowDeconvolver(paths, grey.shape, nsr=nsr, border="periodic", solver=solver)._observe(grey[..., None], 0)
-    across, down = dense_gradients(term.shape[0])
-    grad_adjoint = across.T @ rng.normal(size=len(across)) + down.T @ rng.normal(size=len(down))
-    latent = term.solve(beta, grad_adjoint.reshape(term.shape).astype(np.float32)).ravel()
-    blur = dense_blur(paths)
-    normal = blur.T @ blur + nsr * np.eye(blur.shape[1]) + beta * (across.T @ across + down.T @ down)
-    if beta:
-        mean = np.full(blur.shape[1], grey.mean(dtype=float))
-        right = (1 + nsr) * (blur.T @ (grey.ravel() - blur @ mean)) + beta * grad_adjoint
-        np.testing.assert_allclose(latent, mean + np.linalg.solve(normal, right), atol=1e-4)
-    else:
-        # The right-hand side is blur.T g + nsr m + nsr blur.T (g - blur m); g and the expectation m are within 0 and 1.
-        excess = normal @ latent - blur.T @ grey.ravel()
-        assert np.abs(excess).max() < 2.02 * nsr
-
-
 def test_undoes_its_own_blur():
     """Without noise a tiny nsr restores a picture to 50 dB and more, if it is as soft as a lens leaves it.
 
@@ -78,15 +41,6 @@ def test_undoes_its_own_blur():
 def test_no_motion_is_the_identity(picture, cols, border, prior):
     result = RowDeconvolver(still_paths(cols=cols), picture.shape, nsr=0.05, border=border).apply(picture, prior=prior)
     np.testing.assert_allclose(result, picture, atol=FLOAT32)
-
-
-@pytest.mark.parametrize("prior", [None, DerivativePrior("gradient", 0.1)], ids=["wiener", "gradient"])
-@pytest.mark.parametrize("solver", ["direct", "cg"])
-def test_constant_picture_keeps_its_brightness(prior, solver):
-    picture = np.full((H, W), 0.7, dtype=np.float32)
-    paths = wavy_paths(cols=(8.0, 24.0))
-    result = RowDeconvolver(paths, (H, W), nsr=0.1, solver=solver).apply(picture, prior=prior)
-    np.testing.assert_allclose(result, 0.7, atol=FLOAT32)
 
 
 def test_auto_takes_conjugate_gradients_for_tall_psfs():
@@ -118,13 +72,3 @@ def test_unseen_rows_are_reported_and_filled(picture):
     np.testing.assert_allclose(result[5:], picture[:-5], atol=FLOAT32)
     assert result[:5].min() > 0.3
     assert result[:5].max() < 0.7
-
-
-@pytest.mark.parametrize("cols", [(16.0,), (8.0, 24.0)])
-def test_out_may_be_the_input(picture, cols):
-    deconvolver = RowDeconvolver(wavy_paths(cols=cols), picture.shape)
-    expected = deconvolver.apply(picture)
-    work, fractions = picture.copy(), []
-    assert deconvolver.apply(work, out=work, progress=fractions.append) is work
-    np.testing.assert_array_equal(work, expected)
-    assert fractions[-1] == 1.0

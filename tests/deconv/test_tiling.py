@@ -1,12 +1,17 @@
-"""Laws of the tiles: their weights sum to one, and each is longer than its part by the margin."""
+"""Tiles, their OTFs, and pictures made periodic."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from benchmarks.paper.continuations import reflected, tapered
+from rsdeblur import PsfBank
+from rsdeblur.deconv.boundary import extended, smooth
+from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.tiling import Tiling, hat_weights
-from rsdeblur.errors import InputError
+from rsdeblur.deconv.wiener import TileBlur
+from rsdeblur.motion import BlurPaths
 from rsdeblur.psf import tile_centres
 
 N = 1000
@@ -65,7 +70,91 @@ def test_weights_interpolate_linearly():
     np.testing.assert_allclose(values @ hat_weights(centres, 50), expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("centres", [[10.2, 10.4, 10.6], [-50.0, -40.0, 30.0]], ids=["between pixels", "outside"])
-def test_a_tile_without_a_pixel_is_refused(centres):
-    with pytest.raises(InputError, match="must lie within the picture's 64 px, a pixel or more apart, got 3 from"):
-        Tiling.plan(np.array(centres), 64, 1, 0, periodic=False)
+CURVE = np.stack([5 * np.sin(np.linspace(0, 3, 60)), 4 * np.cos(np.linspace(1, 5, 60))], axis=-1)
+
+
+def bank_of(path, places=1):
+    paths = np.broadcast_to(path, (places, 1, *np.shape(path)))
+    return PsfBank.from_paths(BlurPaths(paths, 10.0 + 20 * np.arange(places), np.array([30.0])))
+
+
+@pytest.mark.parametrize("lengths", [(64, 48), (45, 63)])
+@pytest.mark.parametrize("path", [CURVE, 0.05 * CURVE, [[0.5, 0.5], [0.5, 0.5]], [[-2.2, 0.0], [9.0, 7.7]]])
+def test_otf_of_a_path_is_its_fourier_transform(path, lengths):
+    found = OtfPlanner((41, 41), lengths).whole(bank_of(path), 0, 0)
+    times = np.linspace(0, 1, 4001)
+    x, y = (np.interp((times[1:] + times[:-1]) / 2, np.linspace(0, 1, len(path)), axis) for axis in np.transpose(path))
+    # At the highest frequency of an even length, both signs are one.
+    down, across = (
+        np.where(np.abs(f) == 0.5, np.cos(np.pi * d)[:, None], np.exp(-2j * np.pi * np.outer(d, f)))
+        for d, f in zip((y, x), map(np.fft.fftfreq, lengths), strict=True)
+    )
+    # Aliases of the window and rounding by float32.
+    np.testing.assert_allclose(found, down.T @ across / len(x), rtol=0, atol=3e-4)
+    assert found[0, 0] == pytest.approx(1, abs=1e-6)
+
+
+def test_softness_is_a_gaussian():
+    sharp = bank_of(CURVE)
+    soft = PsfBank.from_paths(BlurPaths(sharp.displacements, sharp.rows, sharp.cols, softness=0.8))
+    planner = OtfPlanner((41, 41), (64, 48))
+    down, across = (np.exp(-2 * np.square(np.pi * 0.8 * np.fft.fftfreq(n))) for n in (64, 48))
+    expected = planner.whole(sharp, 0, 0) * np.outer(down, across)
+    # Rounding by float32.
+    np.testing.assert_allclose(planner.whole(soft, 0, 0), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("lengths", [(64, 48), (45, 63)])
+def test_otf_of_a_kernel_is_its_transform(lengths):
+    bank = PsfBank.for_picture(np.random.default_rng(0).dirichlet(np.ones(35)).reshape(5, 7), lengths)
+    placed = np.zeros(lengths)
+    placed[:5, :7] = bank.kernels[0, 0]
+    expected = np.fft.fft2(np.roll(placed, (-2, -3), axis=(0, 1)))
+    np.testing.assert_allclose(OtfPlanner(bank.size, lengths).whole(bank, 0, 0), expected, rtol=0, atol=1e-6)
+
+
+def test_whole_pixels_shift_a_picture():
+    picture = np.random.default_rng(0).random((40, 60), dtype=np.float32)
+    blur = TileBlur(bank_of([[3.0, -2.0], [3.0, -2.0]]), picture.shape, border="periodic")
+    # Float32, with a window whose spectrum varies by a factor of 1000.
+    np.testing.assert_allclose(blur.forward(picture), np.roll(picture, (-2, 3), axis=(0, 1)), atol=1e-3)
+
+
+H, W = 60, 85
+
+
+@pytest.fixture
+def light():
+    return np.random.default_rng(0).random((H, W, 3), dtype=np.float32)
+
+
+@pytest.fixture
+def bank():
+    kernels = np.random.default_rng(1).random((2, 2, 9, 15), dtype=np.float32)
+    return PsfBank(kernels / kernels.sum(axis=(2, 3), keepdims=True), [20.0, 40.0], [20.0, 60.0])
+
+
+def test_a_constant_stays_one(bank):
+    flat = np.full((H, W, 1), 0.3, dtype=np.float32)
+    for longer in (extended(flat, bank), reflected(flat, H + 7, W + 4), tapered(flat, bank.kernels[0, 0])):
+        np.testing.assert_allclose(longer, 0.3, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(1, 40, 1), (40, 1, 1), (1, 1, 1)])
+def test_lines_of_pixels_are_filled_too(shape):
+    line = np.random.default_rng(0).random(shape, dtype=np.float32)
+    longer = smooth(line, shape[0] + 5, shape[1] + 7)
+    np.testing.assert_array_equal(longer[: shape[0], : shape[1]], line)
+    assert line.min() - 1e-6 <= longer.min()
+    assert longer.max() <= line.max() + 1e-6
+
+
+def test_the_smooth_filling_has_no_laplacian(light):
+    longer = smooth(light, H + 11, W + 9).astype(np.float64)
+    laplacian = sum(np.roll(longer, by, axis) for axis in (0, 1) for by in (-1, 1)) - 4 * longer
+    # Not where two parts meet, and not along their straight sides: each part is harmonic on its own.
+    for part in (np.s_[H:, 1 : W - 1], np.s_[1 : H - 1, W:], np.s_[H + 1 : -1, W + 1 : -1]):
+        np.testing.assert_allclose(laplacian[part], 0, atol=1e-5)
+    # A harmonic function stays within the range of its border.
+    assert light.min() - 1e-6 <= longer.min()
+    assert longer.max() <= light.max() + 1e-6

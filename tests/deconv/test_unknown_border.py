@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from rsdeblur import Camera, Exposure, InputError, Options, PsfBank, deblur, deconvolve
-from rsdeblur.deconv import unknown_border
+from rsdeblur import Camera, Exposure, PsfBank, deblur, deconvolve
 from rsdeblur.deconv.coupling import TO_PICTURE
 from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic
 from rsdeblur.simulation.scene import scene
@@ -44,19 +43,15 @@ def minimiser(picture: np.ndarray, target: np.ndarray, beta: float) -> np.ndarra
     return np.linalg.solve(normal, seen.T @ picture[mask] + beta * target.ravel()).reshape(SHAPE)
 
 
-@pytest.fixture
-def many_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(unknown_border, "STEPS", 60)
-
-
-@pytest.mark.usefixtures("many_steps")
 @pytest.mark.parametrize("beta", [0.01, 0.3])
 def test_conjugate_gradients_lead_to_the_minimiser_of_the_recorded_pixels(beta: float) -> None:
     target = np.random.default_rng(3).random((*SHAPE, 2), dtype=np.float32)
     for seed in (1, 2):
         plan = solver()
         plan.prepare(guess(seed))
-        found = plan.solve(beta, target.copy(), TO_PICTURE)
+        # Each solution starts from the one before.
+        for _ in range(40):
+            found = plan.solve(beta, target.copy(), TO_PICTURE)
         for channel in range(2):
             expected = minimiser(guess(seed)[..., channel].astype(float), target[..., channel], beta)
             # Float32, and a condition of 1 / beta.
@@ -111,16 +106,3 @@ def test_a_motion_blends_borders() -> None:
     other = deblur(picture, log, camera, exposure, prior="tv", border="unknown")
     assert np.isfinite(other.image).all()
     assert not np.array_equal(other.image, images[0])
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"prior": "wiener"}, "the prior wiener takes no border unknown"),
-        ({"mode": "rowwise"}, "the mode rowwise takes no border unknown"),
-        ({"max_memory": 10**9}, "needs the whole picture at once"),
-    ],
-)
-def test_what_cannot_be_combined_is_refused(options: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        Options(border="unknown", **options)

@@ -45,20 +45,9 @@ def test_an_unknown_depth_is_that_of_the_nearest_place(tmp_path: Path, unknown: 
     np.testing.assert_array_equal(read_depths(path)[:, [0, 2]], [[1.0, 3.0], [1.0, 3.0]])
 
 
-@pytest.mark.parametrize(
-    ("name", "values", "message"),
-    [
-        ("depth.png", np.ones((2, 3), np.uint8), "16 bits in mm, found uint8"),
-        ("depth.npy", np.ones((2, 3, 3)), r"shape \(R, C\), found \(2, 3, 3\)"),
-        ("depth.npy", -METRES, "must be positive, found -60 m"),
-        ("depth.npy", np.zeros((2, 3)), "must be positive, found none"),
-        ("depth.npy", np.ones((2, 3), complex), "found complex128"),
-        ("depth.npy", b"\x93NUMPY\x01\x00nonsense", "not an array of depth maps"),
-    ],
-)
-def test_faults_of_depths(tmp_path: Path, name: str, values: Any, message: str) -> None:
-    with pytest.raises(FileFormatError, match=rf"{name}: .*{message}"):
-        read_depths(saved(tmp_path, name, values))
+def test_depths_of_8_bits_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match=r"depth\.png: .*16 bits in mm"):
+        read_depths(saved(tmp_path, "depth.png", np.ones((2, 3), np.uint8)))
 
 
 def test_arrays_and_pictures_of_a_psf_agree(tmp_path: Path) -> None:
@@ -77,21 +66,3 @@ def test_several_psfs(tmp_path: Path) -> None:
     assert bank.kernels.shape == kernels.shape
     bank.save(tmp_path / "bank.npz")
     np.testing.assert_array_equal(read_psfs(tmp_path / "bank.npz", SHAPE).kernels, bank.kernels)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        (np.zeros((3, 3)), "the sum of a PSF must be positive"),
-        (np.full((3, 3), np.nan), "values must be finite"),
-        (np.ones(3), "a PSF has shape"),
-        (np.array([["a"]]), "not an array of PSFs"),
-        (np.array([[None]]), "not an array of PSFs"),
-        (b"PK", "not a PSF bank"),
-        (b"\x93NUMPY", "not an array of PSFs"),
-        (b"hello", "not a JPEG, PNG"),
-    ],
-)
-def test_faults_of_psfs(tmp_path: Path, values: Any, message: str) -> None:
-    with pytest.raises(FileFormatError, match=rf"k\.npy: .*{message}"):
-        read_psfs(saved(tmp_path, "k.npy", values), SHAPE)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import struct
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -30,39 +29,42 @@ def profile(**changes: Any) -> str:
     return json.dumps(files.PROFILE | {"compatible_settings": None} | changes)
 
 
+# Changes of a lens profile, and what its camera then has.
+PROFILES: list[tuple[dict[str, Any], dict[str, Any]]] = [
+    ({}, {"width": 400, "height": 300, "focal_length": (210.0, 211.0), "distortion_model": "fisheye"}),
+    ({}, {"distortion": (0.05, -0.02, 0.01, -0.003), "readout_time": 0.015, "readout_direction": "top-down"}),
+    ({}, {"timestamp_marks": "middle", "principal_point": (199.5, 149.5)}),
+    ({"asymmetrical": True}, {"principal_point": (190.0, 160.0)}),
+    (
+        {"distortion_model": "opencv_standard"},
+        {"distortion_model": "radtan", "distortion": (0.05, -0.02, 0.01, -0.003)},
+    ),
+    ({"crop": 1.25}, {"focal_length": (168.0, 168.8)}),
+    *(
+        (
+            {"frame_readout_time": time, "frame_readout_direction": word},
+            {"readout_time": abs(time or 0) / 1000, "readout_direction": direction},
+        )
+        for time, word, direction in (
+            (-15.0, None, "bottom-up"),
+            (15.0, "BottomToTop", "bottom-up"),
+            (15.0, "LeftToRight", "left-right"),
+            (-15.0, "RightToLeft", "right-left"),
+            (None, None, "top-down"),
+        )
+    ),
+]
+
+
 class TestLensProfile:
-    def test_as_it_is(self, write: Write) -> None:
-        file = open_camera(write(profile()))
-        camera = file.camera
-        assert (camera.width, camera.height, camera.focal_length) == (400, 300, (210.0, 211.0))
-        assert (camera.distortion_model, camera.distortion) == ("fisheye", (0.05, -0.02, 0.01, -0.003))
-        assert (camera.readout_time, camera.readout_direction, camera.timestamp_marks) == (0.015, "top-down", "middle")
-        np.testing.assert_array_equal(camera.imu_to_camera, imu_to_camera("gyroflow"))
-        assert any("submitted by a user" in assumption.text for assumption in file.assumptions)
-
-    def test_centre_model_and_crop(self, write: Write) -> None:
-        assert open_camera(write(profile())).camera.principal_point == (199.5, 149.5)
-        assert open_camera(write(profile(asymmetrical=True))).camera.principal_point == (190.0, 160.0)
-        camera = open_camera(write(profile(distortion_model="opencv_standard"))).camera
-        assert (camera.distortion_model, camera.distortion) == ("radtan", (0.05, -0.02, 0.01, -0.003))
-        assert open_camera(write(profile(crop=1.25))).camera.focal_length == (168.0, 168.8)
-
-    @pytest.mark.parametrize(
-        ("time", "word", "readout_time", "direction"),
-        [
-            (-15.0, None, 0.015, "bottom-up"),
-            (15.0, "BottomToTop", 0.015, "bottom-up"),
-            (15.0, "LeftToRight", 0.015, "left-right"),
-            (-15.0, "RightToLeft", 0.015, "right-left"),
-            (None, None, 0.0, "top-down"),
-        ],
-    )
-    def test_readout(
-        self, write: Write, time: float | None, word: str | None, readout_time: float, direction: str
-    ) -> None:
-        file = open_camera(write(profile(frame_readout_time=time, frame_readout_direction=word)))
-        assert (file.camera.readout_time, file.camera.readout_direction) == (readout_time, direction)
-        assert any("not contain the readout" in assumption.text for assumption in file.assumptions) == (time is None)
+    @pytest.mark.parametrize(("changes", "expected"), PROFILES)
+    def test_values(self, write: Write, changes: dict[str, Any], expected: dict[str, Any]) -> None:
+        file = open_camera(write(profile(**changes)))
+        assert {name: getattr(file.camera, name) for name in expected} == expected
+        np.testing.assert_array_equal(file.camera.imu_to_camera, imu_to_camera("gyroflow"))
+        about = " ".join(assumption.text for assumption in file.assumptions)
+        assert "submitted by a user" in about or changes
+        assert ("not contain the readout" in about) == (expected.get("readout_time") == 0)
 
     def test_an_implausible_readout_is_an_assumption(self, write: Write) -> None:
         assert "implausible" in open_camera(write(profile(frame_readout_time=0.41))).assumptions[0].text
@@ -75,8 +77,6 @@ class TestLensProfile:
         # 100 of the 150 lines that the whole picture would have.
         assert camera.readout_time == pytest.approx(0.01)
         assert "another aspect ratio" in file.assumptions[-1].text
-        # The field of view along the width is that of the file.
-        assert camera.width / camera.focal_length[0] == 400 / 210
 
     @pytest.mark.parametrize("size", [(400, 0), (-1, 300), (400, 2.5)])
     def test_impossible_sizes_are_refused(self, write: Write, size: Any) -> None:
@@ -100,29 +100,13 @@ class TestLensProfile:
         # The inverse of the polynomial is iterated to this.
         np.testing.assert_allclose(file.camera.project(file.camera.rays(corners)), corners, atol=1e-9)
 
-    @pytest.mark.parametrize(
-        ("changes", "message"),
-        [
-            ({"calib_dimension": {"w": 0, "h": 0}}, "no calibration"),
-            ({"fisheye_params": {"camera_matrix": [[1, 2], [3, 4]]}}, "no calibration"),
-            ({"distortion_model": "poly3"}, "poly3"),
-            ({"digital_lens": "gopro_superview"}, "gopro_superview"),
-            ({"input_horizontal_stretch": 1.33}, "stretches"),
-            ({"crop": "half"}, "damaged"),
-        ],
-    )
-    def test_faults(self, write: Write, changes: dict[str, Any], message: str) -> None:
-        with pytest.raises(FileFormatError, match=rf"log\.csv: .*{message}"):
-            open_camera(write(profile(**changes)))
-
     def test_a_project_adds_size_readout_and_clock(self, write: Write) -> None:
         file = open_camera(write(files.project({})))
         assert (file.camera.width, file.camera.readout_time, file.camera.readout_direction) == (200, 0.008, "top-down")
         assert file.camera.time_offset == pytest.approx(-0.0135)
-        for text in ("drift by 2.0 ms", "turns the video by 90 degrees"):
-            assert any(text in assumption.text for assumption in file.assumptions)
-        with pytest.raises(FileFormatError, match="contains no calibration"):
-            open_camera(write(files.project({}, calibration_data={})))
+        about = " ".join(assumption.text for assumption in file.assumptions)
+        assert "drift by 2.0 ms" in about
+        assert "turns the video by 90 degrees" in about
 
 
 @pytest.fixture
@@ -154,27 +138,6 @@ class TestKalibr:
         assert "2 cameras (cam0, cam1); cam0 is used" in open_camera(path).assumptions[0].text
         with pytest.raises(FileFormatError, match=r"'cam7' .* cam0, cam1"):
             open_camera(path, name="cam7")
-
-    @pytest.mark.parametrize(
-        ("change", "message"),
-        [
-            (("pinhole", "omni"), "camera model 'omni'"),
-            (("radtan", "fov"), "distortion model 'fov'"),
-            (("[400, 300]", "[400]"), "cam0: damaged or incomplete"),
-            (("intrinsics", "intrinsic"), "cam0: damaged or incomplete"),
-            (("[210.0", "[-210.0"), "cam0: focal_length must be positive"),
-            (("[-1.0, 0.0, 0.0, 0.2]", "[1.0, 0.0, 0.0, 0.2]"), "determinant -1"),
-            (("cam0:", "cam0: ["), "not YAML"),
-        ],
-    )
-    def test_faults(self, write: Write, change: tuple[str, str], message: str) -> None:
-        with pytest.raises(FileFormatError, match=rf"log\.csv: .*{message}"):
-            open_camera(write(files.CHAIN.replace(*change)))
-
-    def test_without_pyyaml(self, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setitem(sys.modules, "yaml", None)
-        with pytest.raises(FileFormatError, match=r"need PyYAML.*'\.\[kalibr\]'"):
-            open_camera(write(files.CHAIN))
 
 
 def photo(path: Path, size: tuple[int, int] = (400, 300), **tags: Any) -> Path:
@@ -212,18 +175,6 @@ class TestExif:
         file = open_camera(photo(tmp_path / "a.jpg", (300, 400), f35=52, zoom=2.0))
         np.testing.assert_array_equal(file.camera.imu_to_camera, imu_to_camera("phone-portrait"))
         assert any("zoomed 2 times" in assumption.text for assumption in file.assumptions)
-
-    @pytest.mark.parametrize(
-        ("tags", "message"),
-        [
-            ({}, "no focal length in px"),
-            ({"f35": 0, "focal_length": 4.2}, "only 4.2 mm"),
-            ({"focal_length": 135.0, "resolution": 4438.0, "unit": 2}, "was resized"),
-        ],
-    )
-    def test_refusals(self, tmp_path: Path, tags: dict[str, Any], message: str) -> None:
-        with pytest.raises(FileFormatError, match=rf"a\.jpg: .*{message}.*rsdeblur camera new"):
-            open_camera(photo(tmp_path / "a.jpg", (100, 68), **tags))
 
 
 SAMPLES = {
@@ -267,14 +218,6 @@ class TestMars:
         file = open_camera(write(files.CAPTURES["ios"]))
         assert (file.camera.width, file.camera.height, file.camera.focal_length[0]) == (1920, 1080, 1500.5)
         assert any("not contain the readout" in assumption.text for assumption in file.assumptions)
-
-    @pytest.mark.parametrize(
-        ("text", "message"),
-        [(files.CHAIN, "not MARS logger's"), (files.CAPTURES["ios"].replace("1500.5", "1e-320"), "focal")],
-    )
-    def test_what_is_no_camera(self, write: Write, text: str, message: str) -> None:
-        with pytest.raises(FileFormatError, match=rf"log\.csv.*{message}"):
-            open_camera(write(text), "mars")
 
 
 def test_gcsv(write: Write) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-import sys
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -11,10 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rsdeblur.errors import FileFormatError, RsdeblurWarning
+from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import open_gyro, read_gyro
-from rsdeblur.io.gyro_binary import check_sample_sizes
-from rsdeblur.io.source import Source
 from tests._util import files
 from tests._util.files import EPOCH, LAYOUTS, RATES
 from tests.installed import needs
@@ -37,20 +33,6 @@ class TestZip:
         facts = assert_contains_the_samples(path, "sensorlogger", "phone")
         assert facts == {"device name": "SM-S931N", "platform": "android"}
 
-    @pytest.mark.parametrize(
-        ("names", "message"),
-        [
-            (["Accelerometer.csv"], r"/Accelerometer\.csv: .*another sensor"),
-            (["picture.png"], "no gyro log"),
-            (["[Content_Types].xml"], "spreadsheet"),
-            (["tuesday/Gyroscope.csv", "monday/Gyroscope.csv"], "more than one gyro log, monday.* and tuesday"),
-            (["b.csv", "Accelerometer.csv", "a.csv"], "more than one gyro log, a.csv and b.csv"),
-        ],
-    )
-    def test_refused(self, tmp_path: Path, names: list[str], message: str) -> None:
-        with pytest.raises(FileFormatError, match=rf"export\.zip.*{message}"):
-            read_gyro(zipped(tmp_path / "export.zip", *names))
-
     def test_an_app_s_format_comes_before_any_table(self, tmp_path: Path) -> None:
         """EuRoC's position of a laser is a table of four columns, as some gyro logs are."""
         laser = "#timestamp,p_x,p_y,p_z\n" + files.rows("{t},{x},{y},{z}")
@@ -62,27 +44,13 @@ def test_json_of_sensor_logger(write: Write) -> None:
     export = files.sensorlogger_json()
     facts = assert_contains_the_samples(write(export), "sensorlogger-json", "phone")
     assert facts == {"sensor": "Gyroscope", "device name": "phone", "platform": "ios"}
-    with pytest.raises(FileFormatError, match=r"log\.csv: not JSON, or cut off"):
-        read_gyro(write(export[:-9]), format="sensorlogger-json")
-    with pytest.raises(FileFormatError, match="lacks a number"):
-        read_gyro(write(export.replace(b'"y"', b'"v"')))
 
 
-class TestTrailer:
-    def test_the_ring_is_unrolled(self, write: Write) -> None:
-        facts = assert_contains_the_samples(
-            write(files.trailer(), "IMG.jpg"), "gyrodata", "phone", RATES.astype(np.float32)
-        )
-        assert facts == {"capture_ns": EPOCH + 99, "shutter_command_ns": EPOCH}
-
-    @pytest.mark.parametrize(("count", "oldest"), [(0, 0), (700, 0), (20, 21)])
-    def test_damaged(self, write: Write, count: int, oldest: int) -> None:
-        with pytest.raises(FileFormatError, match=r"IMG\.jpg: the GYRODATA trailer is damaged"):
-            read_gyro(write(files.trailer(count, oldest), "IMG.jpg"))
-
-    def test_a_jpeg_without_one(self, write: Write) -> None:
-        with pytest.raises(FileFormatError, match=r"IMG\.jpg: not a gyro log"):
-            read_gyro(write(files.trailer()[:-1], "IMG.jpg"))
+def test_the_ring_is_unrolled(write: Write) -> None:
+    facts = assert_contains_the_samples(
+        write(files.trailer(), "IMG.jpg"), "gyrodata", "phone", RATES.astype(np.float32)
+    )
+    assert facts == {"capture_ns": EPOCH + 99, "shutter_command_ns": EPOCH}
 
 
 PLAIN = {"raw_imu": [[0.005 * i, *rate, 0, 0, 0] for i, rate in enumerate(RATES.tolist())]}
@@ -116,78 +84,11 @@ class TestGyroflowProject:
         # roll turns about z
         np.testing.assert_allclose(omega[2], omega[0] @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-12)
 
-    @pytest.mark.parametrize(
-        ("raw", "message"),
-        [
-            ({}, "without gyro data.*video.mp4"),
-            ({"raw_imu": "é"}, "damaged"),
-            ({"raw_imu": files.base91(b"x\x9c" + bytes(9))}, "damaged"),
-            ({"raw_imu": [{"timestamp_ms": 0.0, "gyro": [1.0, 2.0]}]}, "damaged"),
-            ({"raw_imu": [[0.0, 1.0, 2.0, float("nan")], [1.0, 2.0, 3.0, 4.0]]}, "sample 0: impossible rates"),
-            ({"raw_imu": [[float("nan"), 1.0, 2.0, 3.0]]}, "sample 0: timestamp nan"),
-        ],
-    )
-    def test_faults(self, write: Write, raw: dict[str, Any], message: str) -> None:
-        with pytest.raises(FileFormatError, match=rf"log\.csv: .*{message}"):
-            read_gyro(write(files.project(raw)))
 
-    def test_cut_off(self, write: Write) -> None:
-        with pytest.raises(FileFormatError, match="not JSON, or cut off"):
-            read_gyro(write(files.project(PLAIN)[:-2]), format="gyroflow")
-
-    def test_without_cbor2(self, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setitem(sys.modules, "cbor2", None)
-        with pytest.raises(FileFormatError, match=r"'\.\[gyroflow\]'"):
-            read_gyro(write(files.packed_project(b"\xa0" * 9, "file_metadata")))
-
-
-class TestVideo:
-    def test_without_telemetry_parser(self, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setitem(sys.modules, "telemetry_parser", None)
-        with pytest.raises(FileFormatError, match=r"pip install '\.\[telemetry\]'"):
-            read_gyro(write(b"\0\0\0\x18ftypmp42" + bytes(99), "video.mp4"))
-
-    def test_without_telemetry(self, write: Write) -> None:
-        needs("telemetry")
-        with pytest.raises(FileFormatError, match=r"video\.mp4: .*no gyro data"):
-            read_gyro(write(b"\0\0\0\x18ftypmp42" + bytes(99), "video.mp4"))
-
-    @pytest.mark.parametrize(
-        ("table", "claimed"),
-        [
-            (struct.pack(">III", 0, 300, 2), 300),
-            (struct.pack(">III2I", 0, 0, 2, 9, 2**32 - 1), 2**32 - 1),
-            # Entries do not count where all samples have one size, nor beyond the end of the table.
-            (struct.pack(">III2I", 0, 9, 2, 9, 300), None),
-            (struct.pack(">IIII", 0, 0, 2**31, 9), None),
-            (b"", None),
-        ],
-        ids=["one size", "sizes", "one size, and others", "cut off", "empty"],
-    )
-    @pytest.mark.parametrize("header", [struct.Struct(">I4s"), struct.Struct(">I4sQ")], ids=["32 bits", "64 bits"])
-    def test_no_sample_is_larger_than_the_file(
-        self, write: Write, table: bytes, claimed: int | None, header: struct.Struct
-    ) -> None:
-        video = table
-        for kind in (b"stsz", b"stbl", b"minf", b"mdia", b"trak", b"moov"):
-            size = header.size + len(video)
-            video = (header.pack(1, kind, size) if header.size > 8 else header.pack(size, kind)) + video
-        source = Source(write(b"\0\0\0\x10ftypmp42\0\0\0\0" + video, "video.mp4"), "gyro log")
-        if claimed is None:
-            check_sample_sizes(source)
-        else:
-            with pytest.raises(FileFormatError, match=rf"video\.mp4: .* claims a sample of {claimed} bytes"):
-                check_sample_sizes(source)
-
-    @pytest.mark.parametrize("size", [0, 2, 7, 8, 2**32 - 1])
-    def test_boxes_end_with_the_file(self, write: Write, size: int) -> None:
-        nested = b"".join(struct.pack(">I4s", size, b"moov") for _ in range(2000))
-        check_sample_sizes(Source(write(nested, "video.mp4"), "gyro log"))
-
-    def test_gopro(self, data_dir: Path) -> None:
-        needs("telemetry")
-        with pytest.warns(RsdeblurWarning, match="stabilised"):
-            file = open_gyro(data_dir / "formats/gopro/max-heromode.mp4")
-        assert (file.format, file.axes, file.rate_unit, len(file.log)) == ("video", "gyroflow", "deg/s", 2082)
-        assert file.log.rate == pytest.approx(197.455, abs=1e-3)
-        assert file.facts["readout_time_s"] == pytest.approx(0.0206, abs=1e-5)
+def test_gopro(data_dir: Path) -> None:
+    needs("telemetry")
+    with pytest.warns(RsdeblurWarning, match="stabilised"):
+        file = open_gyro(data_dir / "formats/gopro/max-heromode.mp4")
+    assert (file.format, file.axes, file.rate_unit, len(file.log)) == ("video", "gyroflow", "deg/s", 2082)
+    assert file.log.rate == pytest.approx(197.455, abs=1e-3)
+    assert file.facts["readout_time_s"] == pytest.approx(0.0206, abs=1e-5)

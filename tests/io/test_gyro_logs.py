@@ -15,7 +15,7 @@ from rsdeblur.io import detect_gyro_format, open_gyro, read_gyro
 from rsdeblur.io.gyro_logs import formats
 from rsdeblur.io.samples import GYRO
 from rsdeblur.motion.axes import imu_to_camera
-from tests._util.files import EPOCH, LAYOUTS, MARS, PHYPHOX, RATES, STEP, TIMESTAMPS, UNSTAMPED, rows
+from tests._util.files import EPOCH, LAYOUTS, PHYPHOX, RATES, STEP, TIMESTAMPS, UNSTAMPED, rows
 
 Write = Callable[..., Path]
 
@@ -163,62 +163,6 @@ def test_gcsv_with_a_scale_that_is_no_whole_number_of_nanoseconds(write: Write) 
     # 2.5 ns and 2500007.5 ns, rounded half to even
     assert log.epoch_ns == 2
     np.testing.assert_array_equal(log.t, [0, 2_500_006 * 1e-9])
-
-
-GOOD = "0.00,1,2,3\n0.01,1,2,3\n"
-GCSV = "GYROFLOW IMU LOG\n"
-SENSORS = "timestamp,sensor,x,y,z\n" + "".join(
-    f"{i},gyro,0.1,0,{i % 3}\n{i + 5},accelerometer,0,9.8,{i % 4}\n" for i in range(0, 400, 10)
-)
-# Text, the line of the fault or 0 for the whole file, and words of the message. test_text.py has more cells.
-FAULTS = [
-    (GOOD + "0.02,1,2\n0.03,1,2,3\n", 3, "too few columns: 3 found, at least 4"),
-    (GOOD + "\n# note\n0.02,1,x,3\n", 5, "'x' in column 3 is not a number"),
-    (GOOD + "0.02,1,,3\n", 3, "'' in column 3 is not a number"),
-    ("0.00,1,2,-inf\n" + GOOD, 1, "'-inf' in column 4 is not finite"),
-    (GOOD + "0.01,4,5,6\n0.02,1,2,3\n", 3, "duplicate timestamp 10000000 ns"),
-    (GOOD + "0.02,1,2,3\n-0.5,1,2,3\n", 4, "-500000000 ns comes after 20000000 ns"),
-    (GOOD + "0.0200000000001,1,2,3\n0.0200000000002,1,2,4\n", 4, "duplicate timestamp 20000000"),
-    (GOOD + "0.02,1,2", 3, "cut off: 3 of 4 columns"),
-    (GOOD + "0.02,1,2,1e-", 3, "'1e-' in column 4"),
-    (MARS + "0,1,2,3,4,5,6\n9,1,2,3,4", 3, "cut off: 5 of 7 columns"),
-    (f"0,1,2,3\n{2**63},1,2,3\n{2**64},1,2,3", 2, "int64"),
-    ("# one\n0.0,1,2,3\n", 2, "at least 2 samples"),
-    ("0.00,1,2,3\n0.01,1,2,1e200\n0.02,1,2,3\n", 2, "impossible rates"),
-    ("a,b\n1,2\n", 1, "unknown gyro log format"),
-    ("0,1,2,3,4\n1,1,2,3,4\n", 1, "known formats: .*gcsv .*mars .*deepgyro .*plain"),
-    ("t,wx[rpm],wy[rpm],wz[rpm]\n" + GOOD, 1, "unknown gyro log format"),
-    ("time_ms,rot_x,rot_y,rot_z\n0,1,2,3\n5,1,2,3\n", 1, "name the columns"),
-    ("4 0 1 2 3\n4 5 1 2 3\nx 9 1 2 3\n", 3, "'x' is not a sensor type"),
-    ("4 0 1 2 3\n1 5 1 2 3\n4 9 1 2\n1 5 1 2 3\n", 3, "too few columns: 4 found, at least 5"),
-    (GCSV + "gscale,-1\nt,gx,gy,gz\n0,1,2,3\n", 2, "gscale must be a number from"),
-    (GCSV + "tscale,1e-9999\nt,gx,gy,gz\n0,1,2,3\n", 2, "tscale must be a number from"),
-    (GCSV + "tscale,0.001\nt,gx,gy,gz\n0,1,2,3\n1,1,,3\n", 5, "'' in column 3"),
-    (GCSV + "tscale,0.001\n", 0, "no line `t,gx,gy,gz`"),
-    ("".join(f"{i / 100} 0.1 -9.75 0.{i % 10}\n" for i in range(30)), 0, "accelerometer at rest"),
-    (SENSORS, 2, r"column 2 names several sensors \(accelerometer, gyro\)"),
-    ("t,wx,wy,wz\n" + rows("{x},{y},{z},{t}"), 2, "column 1 .* does not rise, unlike column 4;"),
-    ("".join(f"{i % 3},{i},{i * 0.01},0\n" for i in range(20)), 1, "column 2 and column 3;"),
-    ("t,gx[deg/s],gy[rad/s],gz\n" + GOOD, 0, "deg/s and rad/s"),
-    (f"t,gx,gy,gz\n{rows('{t},0,15,0,20,0,25')}", 2, "7 cells, .* 4 columns; .*decimal commas"),
-    ("t,gx,gy,gz\n" + rows('"0,1","0,2","0,3","0,4"'), 2, "decimal points"),
-    ("".join(f"{i * STEP} 0 0 {i}\n" for i in range(9000)) + f"{STEP}0000 0 0 0,1\n", 9001, "0,1|few"),
-    ("", 0, "empty"),
-    ("# t wx wy wz\n", 0, "empty but for comments"),
-    ("t,wx,wy,wz\n\0\1\2", 0, "binary"),
-    ("\x1f\x8b\x08\0" * 9, 0, "binary"),
-    ("MATLAB 5.0 MAT-file".ljust(200, "\0"), 0, "MAT-file; save the table as CSV"),
-    (MARS, 0, "no samples"),
-    ("1 0 1 2 3\n2 5 1 2 3\n", 0, "no line is of type 4"),
-    ("0.0,1,2,3\n0.1,1,2,3\n0.2,1,2,3\n", 0, "unit of time: .*0.1"),
-    ("0,1,2,3\n100000,1,2,3\n", 0, "unit of time"),
-]
-
-
-@pytest.mark.parametrize(("text", "line", "message"), FAULTS, ids=[fault[2] for fault in FAULTS])
-def test_faults_name_the_file_and_the_line(write: Write, text: str, line: int, message: str) -> None:
-    with pytest.raises(FileFormatError, match=rf"log\.csv{f', line {line}' if line else '.*'}: .*({message})"):
-        read_gyro(write(text))
 
 
 @pytest.mark.parametrize("name", [*(each.name for each in formats(GYRO)), "eurok"])

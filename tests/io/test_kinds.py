@@ -69,16 +69,6 @@ def test_exchanged_files_are_named(tmp_path: Path, kind: str, name: str, content
     assert message.endswith(f"; {ADVICE[kind]}")
 
 
-@pytest.mark.filterwarnings("ignore::rsdeblur.RsdeblurWarning")
-@pytest.mark.parametrize(("kind", "name", "content"), [(kind, *file) for kind in FILES for file in FILES[kind]])
-def test_the_right_reader_takes_each_file(tmp_path: Path, kind: str, name: str, content: str) -> None:
-    if name.endswith(".yaml"):
-        needs("kalibr")
-    path = tmp_path / name
-    path.write_text(content)
-    READERS[kind](path)
-
-
 BINARY = {
     "picture": [
         *(("a.png", files.pngs()[0]), ("a.jpg", files.jpegs()[0]), ("a.tif", files.tiffs()[0])),

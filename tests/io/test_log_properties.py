@@ -6,6 +6,7 @@ import warnings
 from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,34 +23,33 @@ RATE_UNITS = {"rad/s": 1.0, "deg/s": np.pi / 180, "mrad/s": 1e-3, "mdeg/s": np.p
 LAW = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
+Log = tuple[list[int], np.ndarray]
+
+
 @st.composite
-def logs(draw: st.DrawFn) -> tuple[list[int], np.ndarray]:
+def logs(draw: st.DrawFn) -> Log:
     """Return timestamps in ns and rates with three decimals: 25 Hz to 5 kHz, 20% of jitter, any origin."""
     # In a log of a few rows a rate may rise by chance while the timestamps do not.
     count = draw(st.integers(12, 80))
-    step = draw(st.integers(200, 40_000)) * 1000
-    start = draw(st.integers(0, 2 * 10**18))
+    step, start = draw(st.integers(200, 40_000)) * 1000, draw(st.integers(0, 2 * 10**18))
     random = np.random.default_rng(draw(st.integers(0, 2**32)))
-    timestamps = [
-        start + i * step + int(jitter) * 1000 for i, jitter in enumerate(random.integers(0, step // 5000, count))
-    ]
+    jitter = random.integers(0, step // 5000, count).tolist()
     # Rates that turn round, so that only the timestamps rise.
     rates = np.round(random.uniform(-3, 3, (count, 3)) + np.sin(np.arange(count))[:, None], 3)
-    return timestamps, rates
+    return [start + i * step + jitter[i] * 1000 for i in range(count)], rates
 
 
-def cells(timestamp: int, rates: np.ndarray, unit: str, place: int) -> list[str]:
-    row = [f"{rate:.3f}" for rate in rates]
-    row.insert(place, _time(timestamp, unit))
-    return row
+def cells(log: Log, unit: str, place: int, decimals: str = ".3f") -> list[list[str]]:
+    """Return the rows of a table, the timestamps in a column of any place."""
+    table = [[f"{rate:{decimals}}" for rate in row] for row in log[1].tolist()]
+    for row, timestamp in zip(table, log[0], strict=True):
+        row.insert(place, f"{Decimal(timestamp).scaleb(-UNITS[unit]):f}")
+    return table
 
 
-def _time(timestamp: int, unit: str) -> str:
-    return f"{Decimal(timestamp).scaleb(-UNITS[unit]):f}"
-
-
-def read(path: Path, rows: list[list[str]], separator: str) -> GyroLog | None:
+def read(folder: Path, rows: list[list[str]], separator: str = ",") -> GyroLog | None:
     """Return the log; None if it is refused, with the file named."""
+    path = folder / "log.txt"
     path.write_text("\n".join(separator.join(row) for row in rows) + "\n")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RsdeblurWarning)
@@ -61,86 +61,72 @@ def read(path: Path, rows: list[list[str]], separator: str) -> GyroLog | None:
     return None
 
 
-def assert_is(log: GyroLog | None, timestamps: list[int], rates: np.ndarray) -> None:
-    assert log is not None
-    assert log.epoch_ns == timestamps[0]
-    np.testing.assert_array_equal(np.rint(log.t * 1e9), [timestamp - timestamps[0] for timestamp in timestamps])
-    np.testing.assert_array_equal(log.omega, rates)
+def assert_is(found: GyroLog | None, log: Log) -> None:
+    assert found is not None
+    assert found.epoch_ns == log[0][0]
+    np.testing.assert_array_equal(np.rint(found.t * 1e9), [timestamp - log[0][0] for timestamp in log[0]])
+    # Units of rates divide and multiply them.
+    np.testing.assert_allclose(found.omega, log[1], rtol=1e-14)
 
 
 @LAW
 @given(logs(), st.sampled_from(list(UNITS)), st.integers(0, 3), st.sampled_from(",; \t|"))
 def test_units_shifts_separators_and_the_place_of_the_timestamps(
-    tmp_path: Path, log: tuple[list[int], np.ndarray], unit: str, place: int, separator: str
+    tmp_path: Path, log: Log, unit: str, place: int, separator: str
 ) -> None:
-    timestamps, rates = log
-    rows = [cells(timestamp, rate, unit, place) for timestamp, rate in zip(timestamps, rates, strict=True)]
-    assert_is(read(tmp_path / "log.txt", rows, separator), timestamps, rates)
+    assert_is(read(tmp_path, cells(log, unit, place), separator), log)
 
 
 @LAW
 @given(logs(), st.sampled_from(list(UNITS)), st.sampled_from(list(RATE_UNITS)), st.permutations(range(4)))
 def test_units_of_rates_and_permuted_columns(
-    tmp_path: Path, log: tuple[list[int], np.ndarray], unit: str, rate_unit: str, order: list[int]
+    tmp_path: Path, log: Log, unit: str, rate_unit: str, order: list[int]
 ) -> None:
-    timestamps, rates = log
     head = [f"t[{unit}]", *(f"g{axis}[{rate_unit}]" for axis in "xyz")]
-    scaled = rates / RATE_UNITS[rate_unit]
-    table = [
-        [_time(timestamp, unit), *map(repr, rate.tolist())] for timestamp, rate in zip(timestamps, scaled, strict=True)
-    ]
-    found = read(tmp_path / "log.csv", [[row[k] for k in order] for row in [head, *table]], ",")
-    assert found is not None
-    assert found.epoch_ns == timestamps[0]
-    # Divided and multiplied again.
-    np.testing.assert_allclose(found.omega, rates, rtol=1e-14)
+    table = [head, *cells((log[0], log[1] / RATE_UNITS[rate_unit]), unit, 0, "")]
+    assert_is(read(tmp_path, [[row[k] for k in order] for row in table]), log)
 
 
 @LAW
 @given(logs(), st.sampled_from(list(UNITS)), st.integers(0, 3), st.data())
 def test_repeated_rows_are_dropped_or_refused(
-    tmp_path: Path, log: tuple[list[int], np.ndarray], unit: str, place: int, data: st.DataObject
+    tmp_path: Path, log: Log, unit: str, place: int, data: st.DataObject
 ) -> None:
-    timestamps, rates = log
-    repeats = data.draw(st.lists(st.integers(1, 3), min_size=len(timestamps), max_size=len(timestamps)))
-    rows = [cells(timestamp, rate, unit, place) for timestamp, rate in zip(timestamps, rates, strict=True)]
+    rows = cells(log, unit, place)
+    repeats = data.draw(st.lists(st.integers(1, 3), min_size=len(rows), max_size=len(rows)))
     twice = [row for row, count in zip(rows, repeats, strict=True) for _ in range(count)]
-    found = read(tmp_path / "log.txt", twice, ",")
+    found = read(tmp_path, twice)
     # If most rows repeat others, nothing shows the unit of time.
     if found is not None or len(twice) < 1.5 * len(rows):
-        assert_is(found, timestamps, rates)
+        assert_is(found, log)
 
 
 @LAW
 @given(logs(), st.sampled_from(list(UNITS)), st.integers(0, 3), st.randoms(use_true_random=False), st.booleans())
 def test_permuted_rows_are_the_same_log_or_refused(
-    tmp_path: Path, log: tuple[list[int], np.ndarray], unit: str, place: int, random: object, near: bool
+    tmp_path: Path, log: Log, unit: str, place: int, random: Any, near: bool
 ) -> None:
-    timestamps, rates = log
-    rows = [cells(timestamp, rate, unit, place) for timestamp, rate in zip(timestamps, rates, strict=True)]
+    rows = cells(log, unit, place)
     if near:
-        i = random.randrange(len(rows) - 1)  # type: ignore[attr-defined]
+        i = random.randrange(len(rows) - 1)
         rows[i : i + 2] = rows[i + 1], rows[i]
     else:
-        random.shuffle(rows)  # type: ignore[attr-defined]
-    found = read(tmp_path / "log.txt", rows, ",")
+        random.shuffle(rows)
+    found = read(tmp_path, rows)
     if found is not None:
-        assert_is(found, timestamps, rates)
+        assert_is(found, log)
 
 
 @LAW
 @given(logs(), st.integers(3, 60), st.floats(0.31, 9.0))
 @example(([5_000_000 * i for i in range(60)], np.zeros((60, 3))), 20, 4.02)
-def test_a_clock_set_back_is_refused_or_leaves_no_trace(
-    tmp_path: Path, log: tuple[list[int], np.ndarray], place: int, intervals: float
-) -> None:
+def test_a_clock_set_back_is_refused_or_leaves_no_trace(tmp_path: Path, log: Log, place: int, intervals: float) -> None:
     """A step back that leaves the timestamps in order cannot be seen; any other one must be."""
     timestamps, rates = log
     place = min(place, len(timestamps) - 1)
     step = int(intervals * (timestamps[-1] - timestamps[0]) / (len(timestamps) - 1))
     back = [*timestamps[:place], *(timestamp - step for timestamp in timestamps[place:])]
-    rows = [cells(timestamp, rate, "ns", 0) for timestamp, rate in zip(back, rates, strict=True)]
-    found = read(tmp_path / "log.txt", rows, ",")
+    found = read(tmp_path, cells((back, rates), "ns", 0))
     if any(b <= a for a, b in pairwise(back)) and place < len(timestamps) - 1:
         assert found is None
 
@@ -150,5 +136,5 @@ def test_a_rate_that_rises_for_a_while_is_not_time(tmp_path: Path, place: int) -
     t = np.arange(200) * 0.005
     rates = np.stack([np.minimum(t, 0.9), t * 0, -t], axis=-1).round(3)
     rates[-1, 0] = 0
-    rows = [cells(round(1e9 * timestamp), rate, "s", place) for timestamp, rate in zip(t, rates, strict=True)]
-    assert_is(read(tmp_path / "log.txt", rows, ","), [round(1e9 * timestamp) for timestamp in t], rates)
+    log = np.rint(1e9 * t).astype(int).tolist(), rates
+    assert_is(read(tmp_path, cells(log, "s", place)), log)

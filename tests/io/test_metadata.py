@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
@@ -103,31 +101,11 @@ def test_sizes_are_those_of_the_new_picture(exif: bytes) -> None:
     assert b"blurred thumbnail" not in half
 
 
-@pytest.mark.parametrize("exif", [block("<"), block(), None, b"", b"Exif\0\0nonsense"])
-@pytest.mark.parametrize("had_one", [False, True])
-def test_the_orientation_is_set_or_added(exif: bytes | None, had_one: bool) -> None:
-    is_valid = exif is not None and len(exif) > 20
-    if is_valid and not had_one:
-        exif = block_of({tag: value for tag, value in tags_of(exif or b"").items() if tag != 274})
-    expected = values(exif) if is_valid else {}
-    found = values(with_orientation(exif, 8))
-    assert {tag: value for tag, value in found.items() if value} == expected | {274: 8}
-
-
-@settings(max_examples=100, deadline=None, derandomize=True, database=None)
-@given(data=st.data())
-def test_no_damage_raises_anything_else(data: st.DataObject) -> None:
-    exif = bytearray(block(data.draw(st.sampled_from("<>"))))
-    for _ in range(data.draw(st.integers(1, 8))):
-        exif[data.draw(st.integers(6, len(exif) - 1))] = data.draw(st.sampled_from([0, 1, 4, 5, 8, 13, 127, 255]))
-    damaged = bytes(exif[: data.draw(st.integers(6, len(exif)))])
-    assert len(renewed(damaged, 40, 30, lambda most: b"x" * most)) == len(damaged)
-    assert with_orientation(damaged, 3)
-    try:
-        tags = tags_of(damaged)
-    except (ValueError, LookupError, struct.error):
-        return
-    assert tags_of(block_of(tags)) == tags
+def test_the_orientation_is_set_or_added() -> None:
+    without = block_of({tag: value for tag, value in tags_of(block()).items() if tag != 274})
+    for exif in (block("<"), block(), without):
+        assert values(with_orientation(exif, 8)) == values(exif) | {274: 8}
+    assert all(values(with_orientation(exif, 8))[274] == 8 for exif in (None, b"", b"Exif\0\0nonsense"))
 
 
 def segment(marker: int, body: bytes) -> bytes:

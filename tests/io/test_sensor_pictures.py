@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from io import BytesIO
 from pathlib import Path
 
@@ -51,12 +50,6 @@ class TestHeif:
         heif.from_bytes("RGB;16", (WIDTH, HEIGHT), levels.tobytes()).save(tmp_path / "a.heic", quality=-1)
         picture = read_picture(tmp_path / "a.heic")
         assert (picture.pixels.dtype, picture.pixels.min(), picture.pixels.max()) == (np.uint16, 0, 65535)
-
-    def test_without_its_package(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setitem(sys.modules, "pillow_heif", None)
-        (tmp_path / "a.heic").write_bytes(b"\0\0\0\x18ftypheic" + bytes(99))
-        with pytest.raises(FileFormatError, match=r"pip install '\.\[heif\]'"):
-            read_picture(tmp_path / "a.heic")
 
 
 def dng(path: Path, mosaic: np.ndarray, orientation: int = 1) -> Path:
@@ -109,8 +102,3 @@ class TestRaw:
             path.write_bytes(path.read_bytes()[:keep])
             with pytest.raises(FileFormatError, match=r"a\.dng"):
                 read_picture(path)
-
-    def test_without_its_package(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setitem(sys.modules, "rawpy", None)
-        with pytest.raises(FileFormatError, match=r"pip install '\.\[raw\]'"):
-            read_picture(dng(tmp_path / "a.dng", mosaic(16000, 8000, 4000)))

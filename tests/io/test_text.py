@@ -81,27 +81,6 @@ def test_whole_timestamps_fill_int64() -> None:
             table(f"0,1\n{timestamp},1\n").nanoseconds(Decimal(1))
 
 
-@pytest.mark.parametrize("timestamp", ["-.", "1_0.5", "1.-5", "5 5.5", "", "0x10", "1d5"])
-def test_a_timestamp_that_is_not_a_number_is_refused_with_its_line(timestamp: str) -> None:
-    with pytest.raises(FileFormatError, match=r"line 3: '.*' in column 1 is not a number"):
-        table(f"0.5,1\n1.5,1\n{timestamp},1\n3.5,1\n")
-
-
-@pytest.mark.parametrize("cell", ["nan", "-inf", "Infinity", "1e400"])
-@pytest.mark.parametrize("column", [0, 1])
-def test_a_cell_that_is_not_finite_is_refused_with_its_line(cell: str, column: int) -> None:
-    cells = ["2.5", "1"]
-    cells[column] = cell
-    with pytest.raises(FileFormatError, match=f"line 3: '{cell}' in column {column + 1} is not finite"):
-        table(f"0.5,1\n1.5,1\n{','.join(cells)}\n3.5,1\n")
-
-
-@pytest.mark.parametrize("first", ["0", "0.5"])
-def test_an_open_quote_does_not_swallow_lines(first: str) -> None:
-    with pytest.raises(FileFormatError, match="line 2: a quote is not closed"):
-        table(f'{first},1,a\n1,2,"a\n2,3,a\n3,4,a\n')
-
-
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r", "\r\r\n"])
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 def test_lines_are_those_of_the_text(end: str, encoding: str) -> None:

@@ -1,4 +1,4 @@
-"""Arguments of the C extension: an array of any wrong form is refused, in every function, and none is changed."""
+"""Arguments of the C extension: what would lead beyond an array is refused by every function; none is changed."""
 
 from __future__ import annotations
 
@@ -8,12 +8,28 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rsdeblur.kernels import native, rowwise, why_pure
-from rsdeblur.kernels.rowwise import LANES
+from rsdeblur.kernels import native, why_pure
+from rsdeblur.kernels.rowwise import LANES, RowModel
+from tests.kernels.test_twins import ARGUMENTS, Arrays
 
 pytestmark = pytest.mark.skipif(native is None, reason=f"no C extension: {why_pure}")
 
 Array = np.ndarray[Any, Any]
+# Functions, and positions of the arrays that each writes.
+CALLS: dict[str, set[int]] = {
+    **{"multiply": {0}, "blend": {0}, "unpair": {2}, "pair": {3}, "picture_to_lines": {6}, "lines_to_picture": {6}},
+    **{"rows_to_columns": {3}, "columns_to_rows": {1}, "cut_lines": {5}},
+    **{"shrunk_grad_adjoint": {6, 7}, "shrunk_derivatives_adjoint": {6, 7}},
+    **{"rowwise_forward": {7, 9}, "rowwise_adjoint": {8, 9}, "rowwise_solve": {8, 9}, "rowwise_assemble": {7, 8}},
+    **{"rowwise_solve_assembled": {8, 9}, "rowwise_workspace": set(), "rowwise_assembled_size": set()},
+}
+
+
+def valid(name: str) -> list[Any]:
+    """Return the arguments of a valid call."""
+    twin = name.removeprefix("rowwise_").replace("workspace", "workspace_size")
+    given = ARGUMENTS[twin](Arrays(1.0))
+    return [part for each in given for part in (each if isinstance(each, RowModel) else [each])]
 
 
 def floats(*shape: int) -> Array:
@@ -28,51 +44,9 @@ def integers(values: list[Any]) -> Array:
     return np.array(values, np.int32)
 
 
-def model() -> list[Array]:
-    """Return the arrays of a rowwise model: six rows, each of which sees the latent row of the same number."""
-    index = [integers(values) for values in ([0, 3], [3, 6], [0, 0])]
-    start = np.cumsum([0, *[int(row == latent) for latent in range(3) for row in range(3)] * 2]).astype(np.int32)
-    return [*index, start, np.zeros(6, np.int32), floats(6), rowwise.phase_table(0, 0, 1, 50)]
-
-
-# Arguments of a valid call, and positions of the arrays that it writes.
-CALLS: dict[str, tuple[Callable[[], list[Any]], set[int]]] = {
-    "multiply": (lambda: [pairs(3, 2, 5, 6), pairs(3, 5, 6)], {0}),
-    "blend": (lambda: [pairs(2, 5, 9), pairs(3, 2, 5, 6), floats(3, 4), integers(3 * [[1, 2, 4]])], {0}),
-    "unpair": (lambda: [pairs(3, 2, 5), pairs(5), pairs(3, 4, 8), 1], {2}),
-    "pair": (lambda: [pairs(3, 4, 8), 1, pairs(5), pairs(3, 2, 5)], {3}),
-    "picture_to_lines": (lambda: [floats(4, 12, 3), 1, 2, -3, floats(4), False, floats(3, 4, 20)], {6}),
-    "lines_to_picture": (lambda: [floats(3, 4, 20), 2, 1, floats(5), 3, True, floats(4, 12, 3), 1], {6}),
-    "rows_to_columns": (lambda: [pairs(3, 9, 30), 2, 5, pairs(3, 16, 9)], {3}),
-    "columns_to_rows": (lambda: [pairs(3, 16, 9), pairs(3, 9, 30), 2, 5], {1}),
-    "cut_lines": (lambda: [pairs(3, 16, 9), 7, integers([1, 3]), floats(4), True, pairs(2, 3, 16, 12)], {5}),
-    "shrunk_grad_adjoint": (
-        lambda: [floats(6, 5, 3), 1, 4, 0.1, floats(9), False, floats(10, 3, 7), floats(6, 5, 3)],
-        {6, 7},
-    ),
-    "shrunk_derivatives_adjoint": (
-        lambda: [floats(6, 5, 3), 1, 4, 0.1, floats(9), False, floats(10, 3, 7), floats(6, 5, 3)],
-        {6, 7},
-    ),
-    "rowwise_forward": (lambda: [*model(), floats(2, 6, 2, LANES), floats(2, 6, 2, LANES), floats(4000)], {7, 9}),
-    "rowwise_adjoint": (lambda: [*model(), floats(2, 6, 2, LANES), floats(2, 6, 2, LANES), floats(4000)], {8, 9}),
-    "rowwise_solve": (
-        lambda: [*model(), floats(2, 6, 2, LANES), floats(2, 6, 2, LANES), floats(4000), floats(3, LANES)],
-        {8, 9},
-    ),
-    "rowwise_assemble": (lambda: [*model(), floats(864), floats(4000), 6], {7, 8}),
-    "rowwise_solve_assembled": (
-        lambda: [*model(), floats(864), floats(2, 6, 2, LANES), floats(4000), floats(3, LANES), 6],
-        {8, 9},
-    ),
-    "rowwise_workspace": (lambda: [*model(), 6, 1], set()),
-    "rowwise_assembled_size": (lambda: [*model(), 6], set()),
-}
-
-
 def arrays(name: str) -> list[int]:
     """Return the places of the arrays among the arguments of a call."""
-    return [place for place, argument in enumerate(CALLS[name][0]()) if isinstance(argument, np.ndarray)]
+    return [place for place, argument in enumerate(valid(name)) if isinstance(argument, np.ndarray)]
 
 
 def misaligned(array: Array) -> Array:
@@ -114,8 +88,9 @@ WRONG: dict[str, Callable[[Array], Any]] = {
 
 
 def test_the_calls_are_right() -> None:
-    for name, (arguments, _) in CALLS.items():
-        getattr(native, name)(*arguments())
+    assert CALLS.keys() == {name for name in dir(native) if name[0] != "_" and name != "SIMD"}
+    for name in CALLS:
+        getattr(native, name)(*valid(name))
 
 
 def refused(name: str, arguments: list[Any], case: str) -> None:
@@ -134,18 +109,17 @@ def refused(name: str, arguments: list[Any], case: str) -> None:
 def test_arrays_in_a_wrong_form(name: str) -> None:
     for place in arrays(name):
         for wrong, change in WRONG.items():
-            arguments = CALLS[name][0]()
+            arguments = valid(name)
             arguments[place] = change(arguments[place])
             refused(name, arguments, f"argument {place} {wrong}")
 
 
 @pytest.mark.parametrize("name", CALLS)
 def test_what_is_written_must_be_writable(name: str) -> None:
-    arguments, written = CALLS[name]
     for place in arrays(name):
-        given = arguments()
+        given = valid(name)
         given[place] = read_only(given[place])
-        if place in written:
+        if place in CALLS[name]:
             refused(name, given, f"argument {place}")
         else:
             getattr(native, name)(*given)
@@ -153,10 +127,9 @@ def test_what_is_written_must_be_writable(name: str) -> None:
 
 @pytest.mark.parametrize("name", CALLS)
 def test_what_is_written_must_overlap_nothing(name: str) -> None:
-    arguments, written = CALLS[name]
     for place in arrays(name):
-        for target in written - {place}:
-            given = arguments()
+        for target in CALLS[name] - {place}:
+            given = valid(name)
             one, other = given[place], given[target]
             # Both in the same memory, the shorter one at the end of the longer.
             memory = np.ones(max(one.nbytes, other.nbytes), np.uint8)
@@ -168,11 +141,10 @@ def test_what_is_written_must_overlap_nothing(name: str) -> None:
 
 @pytest.mark.parametrize("name", CALLS)
 def test_numbers_that_are_none_or_too_large(name: str) -> None:
-    arguments = CALLS[name][0]
-    for place, argument in enumerate(arguments()):
+    for place, argument in enumerate(valid(name)):
         if isinstance(argument, int) and not isinstance(argument, bool):
             for wrong in (2**62, -(2**62), 2**63, 2**200, 1.5, "1", None):
-                given = arguments()
+                given = valid(name)
                 given[place] = wrong
                 if name in ("rowwise_workspace", "rowwise_assembled_size"):
                     # `solve` may be any number, and a larger picture contains all rows of the model.
@@ -180,4 +152,58 @@ def test_numbers_that_are_none_or_too_large(name: str) -> None:
                 with pytest.raises((TypeError, ValueError, OverflowError)):
                     getattr(native, name)(*given)
     with pytest.raises(TypeError):
-        getattr(native, name)(*arguments()[:-1])
+        getattr(native, name)(*valid(name)[:-1])
+
+
+def in_place(first: int) -> dict[int, Any]:
+    """Return arguments of `cut_lines` that extend columns where they are."""
+    columns = pairs(3, 16, 9)
+    return {0: columns, 1: 5, 2: integers([first]), 5: columns[None]}
+
+
+# What is replaced in a valid call, by another value or by a function of the value.
+Change = dict[int, Any]
+MODEL: list[tuple[Change, str]] = [
+    *(({place: lambda a: a[:-1].copy()}, "same length") for place in (0, 5)),
+    ({3: lambda a: a[:-1].copy()}, "tap_start"),
+    *(({place: change}, "inconsistent") for place, change in (
+        (3, lambda a: a[::-1].copy()), (4, lambda a: a + 1), (4, lambda a: a - 1),
+        (2, lambda a: a + 1), (2, lambda a: a - 100))),
+    *(({0: change, 1: change}, "inconsistent") for change in (lambda a: a - 1, lambda a: a + 1)),
+    *(({9: floats(10)}, "workspace"), ({8: lambda a: a[:, :-1].copy()}, "rows per block")),
+    ({6: lambda a: a[:, :, :8].copy()}, "table"),
+]  # fmt: skip
+MISUSE: list[tuple[str, Change, str]] = [
+    *(("multiply", {1: pairs(*shape)}, "responses") for shape in ((3, 4, 6), (2, 5, 6))),
+    *(("blend", {3: integers([span] * 3)}, "spans") for span in (
+        *((-1, 0, 4), (6, 0, 4), (0, -1, 4), (0, 3, 4), (0, 0, 5), (0, 0, -1)), 3 * (2**31 - 1,), 3 * (-(2**31),))),
+    *(("blend", {3: integers(spans)}, "spans") for spans in ([(0, 0, 4)] * 2, [(0, 0)] * 3)),
+    ("blend", {0: pairs(1, 5, 9)}, "channels"),
+    *((name, {place: value}, words) for name, *changes in (("unpair", 1, 2, 3), ("pair", 2, 0, 1))
+      for place, value, words in zip((changes[0], changes[1], changes[1], changes[2]),
+        (pairs(4), pairs(1, 4, 8), pairs(3, 4, 5), 3), ("turns", "channels", "spectra", "top"), strict=True)),
+    *(("picture_to_lines", change, words) for change, words in (
+        ({2: 4}, "rows from top"), ({1: -1}, "rows from top"), ({0: floats(3, 4, 20)}, "channels"),
+        ({3: 2**62}, "overflows"), ({4: floats(21)}, "overflows"))),
+    *(("lines_to_picture", change, words) for change, words in (
+        ({4: 8}, "first on"), ({2: 16}, "offset"), ({7: 3}, "rows from top"))),
+    *(("rows_to_columns", change, words) for change, words in (({1: 22}, "columns from first"), ({2: 10}, "height"))),
+    ("columns_to_rows", {2: -1}, "columns from first"),
+    *(("cut_lines", change, words) for change, words in (
+        ({1: 10}, "height"), (in_place(1), "starts at 0"), (in_place(0) | {1: 6}, "fades only"),
+        ({2: integers([0])}, "each slab"), ({0: pairs(3, 9, 30)}, "channels and columns"))),
+    *((name, *row) for name in ("rowwise_solve", "rowwise_solve_assembled") for row in MODEL),
+    ("rowwise_solve", {8: lambda a: a[:1].copy()}, "same channels"),
+    ("rowwise_solve", {7: lambda a: a[:, :-3].copy()}, "inconsistent"),
+    *(("rowwise_solve_assembled", change, words) for change, words in (
+        ({7: floats(32)}, "normal"), ({10: floats(2, LANES)}, "penalty"), ({11: 3}, "incons"), ({11: -1}, "rows"))),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "change", "words"), MISUSE)
+def test_what_lies_outside_is_refused(name: str, change: Change, words: str) -> None:
+    arguments = valid(name)
+    for place, value in change.items():
+        arguments[place] = value(arguments[place]) if callable(value) else value
+    with pytest.raises(ValueError, match=words):
+        getattr(native, name)(*arguments)

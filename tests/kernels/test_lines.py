@@ -62,28 +62,6 @@ def test_blend_reflects_and_repeats_the_border_pixel(extended, noise, length, st
     np.testing.assert_array_equal(extended(noise, length, start), wide[300 + start : 300 + start + length])
 
 
-@pytest.mark.parametrize("border", ["blend", "periodic"])
-@pytest.mark.parametrize(("length", "start", "taper"), [(60, -8, 12), (52, 0, 12), (30, 5, 8), (30, -10, 8)])
-def test_inside_is_untouched(extended, noise, border, length, start, taper):
-    out = extended(noise, length, start, taper=taper, border=border)
-    inside = [k for k in range(length - taper) if 0 <= start + k < N]
-    np.testing.assert_array_equal(out[inside], noise[start + np.array(inside)])
-
-
-@pytest.mark.parametrize(("length", "start", "taper"), [(64, -6, 16), (56, 0, 16), (36, 10, 16)])
-def test_ends_of_a_smooth_picture_meet_smoothly(extended, length, start, taper):
-    x = np.linspace(0.0, 1.0, N)
-    # A ramp and a curve, whose two ends differ by 0.9.
-    picture = (0.9 * x + 0.1 * np.sin(7 * x)).astype(np.float32)[:, None]
-    out = extended(picture, length, start, taper=taper)[:, 0]
-    steps = np.abs(np.diff(np.append(out, out[0])))
-    # The fade crosses at most the whole range, with the slope of half a cosine period over `taper`, in addition to
-    # the picture's own steps on both sides.
-    allowed = 0.9 * np.pi / 2 / taper + 2 * np.abs(np.diff(picture[:, 0])).max()
-    assert steps[-1] <= 2 * np.abs(np.diff(picture[:, 0])).max()
-    assert steps.max() <= allowed
-
-
 @pytest.mark.parametrize(("length", "start"), [(30, 4), (30, -5), (60, -8)])
 def test_the_taper_ends_where_the_start_begins(extended, noise, length, start):
     taper = 10
@@ -146,55 +124,3 @@ def test_what_is_not_finite_is_reported_where_it_is_read(kernels, bad, channels)
     # Values that are huge but finite, and the smallest ones.
     picture[1, 20] = [[3e38], [1e-45]][channels == 1]
     assert kernels.picture_to_lines(picture, 1, 1, 15, fade(0), False, line)
-
-
-@pytest.mark.parametrize("add", [False, True])
-@pytest.mark.parametrize("channels", [1, 3])
-def test_lines_go_back_to_their_place(kernels, noise, add, channels):
-    picture = np.full((4, 12, channels), 0.5, np.float32)
-    source = np.stack([noise.T, noise.T[::-1], noise.T], axis=1)[:channels].copy()
-    weights = np.linspace(0.1, 1, 7, dtype=np.float32)
-    kernels.lines_to_picture(source, 2, 5, weights, 4, add, picture, 1)
-    expected = np.full((4, 12, channels), 0.5)
-    values = weights[:, None] * np.moveaxis(source, 0, -1)[:2, 5:12]
-    expected[1:3, 4:11] = values + 0.5 if add else values
-    # One product and one sum of values of order 1.
-    np.testing.assert_allclose(picture, expected, atol=1e-6)
-
-
-@needs_native
-class TestMisuse:
-    """The binding refuses arguments that would make the C code read or write beyond an array."""
-
-    picture, lines = np.zeros((4, 12, 3), np.float32), np.zeros((3, 4, 20), np.float32)
-    rows, columns = np.zeros((3, 9, 30), np.complex64), np.zeros((3, 16, 9), np.complex64)
-    ramp, long, weights = fade(4), fade(21), np.ones(5, np.float32)
-    zero, one, two = (np.array(starts, np.int32) for starts in ([0], [1], [0, 0]))
-    whole, pair = columns[None], np.zeros((2, 3, 16, 9), np.complex64)
-
-    @pytest.mark.parametrize(
-        ("name", "args", "message"),
-        [
-            ("picture_to_lines", ("picture", 1, 4, 0, "ramp", False, "lines"), "rows from top on"),
-            ("picture_to_lines", ("picture", -1, 1, 0, "ramp", False, "lines"), "rows from top on"),
-            ("picture_to_lines", ("lines", 0, 1, 0, "ramp", False, "lines"), "same channels"),
-            ("picture_to_lines", ("picture", 0, 1, 2**62, "ramp", False, "lines"), "overflows"),
-            ("picture_to_lines", ("picture", 0, 1, 0, "long", False, "lines"), "overflows"),
-            ("lines_to_picture", ("lines", 4, 0, "weights", 8, False, "picture", 0), "first on within picture"),
-            ("lines_to_picture", ("lines", 4, 16, "weights", 0, False, "picture", 0), "offset on must lie within"),
-            ("lines_to_picture", ("lines", 4, 0, "weights", 0, False, "picture", 1), "rows from top on"),
-            ("rows_to_columns", ("rows", 15, 9, "columns"), "columns from first on"),
-            ("rows_to_columns", ("rows", 0, 10, "columns"), "height must lie within"),
-            ("columns_to_rows", ("columns", "rows", -1, 9), "columns from first on"),
-            ("cut_lines", ("columns", 10, "zero", "ramp", False, "whole"), "height must lie within"),
-            ("cut_lines", ("columns", 5, "one", "ramp", False, "whole"), "starts at 0"),
-            ("cut_lines", ("columns", 6, "zero", "ramp", False, "whole"), "fades only values from height on"),
-            ("cut_lines", ("columns", 9, "two", "ramp", False, "whole"), "a value for each slab"),
-            ("cut_lines", ("columns", 9, "zero", "ramp", False, "pair"), "a value for each slab"),
-            ("cut_lines", ("rows", 9, "zero", "ramp", False, "whole"), "same channels and columns"),
-        ],
-    )
-    def test_what_lies_outside(self, name, args, message):
-        args = [getattr(self, arg) if isinstance(arg, str) else arg for arg in args]
-        with pytest.raises(ValueError, match=message):
-            getattr(native, name)(*args)

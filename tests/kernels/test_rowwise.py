@@ -90,7 +90,7 @@ def term(weights, n):
 # Weights of the first and of the second differences.
 PENALTIES = [(0.0, 0.0), (0.2, 0.1)]
 # Numbers of channels below and above the block of three.
-CASES = [(50, 16, 1), (7, 3, 4), (9, 1, 5)]
+CASES = [(26, 9, 1), (7, 3, 4), (9, 1, 5)]
 
 
 @pytest.mark.parametrize(("rows", "tallest", "channels"), CASES)
@@ -139,97 +139,16 @@ def test_assembled_matrix_is_the_normal_matrix_and_solves(kernels, rows, tallest
     np.testing.assert_allclose(values(c.latent), expected, atol=2e-5 * np.abs(expected).max())
 
 
-def test_spectra_and_lanes():
-    rng = np.random.default_rng(2)
-    spectra = (rng.random((3, 16, 37)) + 1j * rng.random((3, 16, 37))).astype(np.complex64)
-    for put, get in (
-        (rowwise.spectra_to_lanes, rowwise.lanes_to_spectra),
-        (rowwise.spectra_to_lanes_numpy, rowwise.lanes_to_spectra_numpy),
-    ):
-        lanes = np.zeros((3, 3, 20, 2, LANES), dtype=np.float32)
-        put(spectra, 5, lanes, 7)
-        np.testing.assert_array_equal(lanes[1, 2, 9, :, 4], [spectra[2, 2, 20].real, spectra[2, 2, 20].imag])
-        assert not lanes[:, :, :7].any()
-        assert not lanes[:, :, 12:].any()
-        back = np.zeros_like(spectra)
-        get(lanes, 7, back, 5)
-        np.testing.assert_array_equal(back[:, :5], spectra[:, :5])
-        assert not back[:, 5:].any()
-
-
 @needs_native
-class TestMisuse:
-    """The binding refuses arguments that would make the C code read or write beyond an array."""
-
-    def solve(self, change, **replaced):
-        c = case()
-        space = workspace(rowwise, c, True)
-        model = c.model._replace(**{k: f(getattr(c.model, k).copy()) for k, f in change.items()})
-        own = {"table": c.table, "data": c.data, "latent": c.latent, "workspace": space} | replaced
-        native.rowwise_solve(*model, *own.values(), penalty())
-
-    def solve_assembled(self, change, **replaced):
-        c = case()
-        model = c.model._replace(**{k: f(getattr(c.model, k).copy()) for k, f in change.items()})
-        normal = np.zeros(rowwise.assembled_size(c.model, c.table, c.rows), np.float32)
-        own = {"table": c.table, "normal": normal, "latent": c.latent, "workspace": workspace(rowwise, c, True)}
-        own = own | {"penalty": penalty(), "rows": c.rows} | replaced
-        native.rowwise_assemble(*model, *(own[name] for name in ("table", "normal", "workspace", "rows")))
-        native.rowwise_solve_assembled(*model, *own.values())
-
-    @pytest.mark.parametrize(
-        ("change", "message"),
-        [
-            ({"row_first": lambda a: a[:-1].copy()}, "same length"),
-            ({"tap_weight": lambda a: a[:-1].copy()}, "same length"),
-            ({"tap_start": lambda a: a[:-1].copy()}, "tap_start must have"),
-            ({"tap_start": lambda a: a[::-1].copy()}, "inconsistent"),
-            ({"tap_shift": lambda a: a + SHIFTS}, "inconsistent"),
-            ({"tap_shift": lambda a: a - SHIFTS}, "inconsistent"),
-            ({"coupled": lambda a: a + 1}, "inconsistent"),
-            ({"coupled": lambda a: a - 100}, "inconsistent"),
-            ({"row_first": lambda a: a - 1, "row_end": lambda a: a - 1}, "inconsistent"),
-            ({"row_first": lambda a: a + 1, "row_end": lambda a: a + 1}, "inconsistent"),
-        ],
-    )
-    def test_inconsistent_models(self, change, message):
-        for function in (self.solve, self.solve_assembled):
-            with pytest.raises(ValueError, match=message):
-                function(change)
-
-    def test_arrays_that_do_not_fit(self):
-        c = case()
-        space, small = workspace(rowwise, c, True), np.empty(10, np.float32)
-        both = [
-            ({"workspace": small}, "workspace is too small"),
-            ({"latent": c.latent[:, :-1].copy()}, "rows per block"),
-            ({"table": c.table[:, :, :8].copy()}, "table must have shape"),
-        ]
-        solve = [
-            ({"latent": c.latent[:1].copy()}, "same channels"),
-            ({"data": c.data[:, :-3].copy()}, "inconsistent"),
-        ]
-        assembled = [
-            ({"normal": np.zeros(32, np.float32)}, "normal has the wrong size"),
-            ({"penalty": np.ones((2, LANES), np.float32)}, "penalty must have shape"),
-            ({"rows": c.rows - 3}, "inconsistent"),
-            ({"rows": -1}, "rows must not be negative"),
-            ({"workspace": space, "penalty": space[: 3 * LANES].reshape(3, LANES)}, "must not overlap"),
-        ]
-        for function, cases in ((self.solve, both + solve), (self.solve_assembled, both + assembled)):
-            for replaced, message in cases:
-                with pytest.raises(ValueError, match=message):
-                    function({}, **replaced)
-
-    def test_differences_need_coupled_neighbours(self):
-        c = case(9, 1)
-        model = c.model._replace(coupled=np.arange(len(c.model.coupled), dtype=np.int32))
-        space = np.empty(native.rowwise_workspace(*model, c.table, c.rows, 1), np.float32)
-        native.rowwise_solve(*model, c.table, c.data, c.latent, space, penalty())
-        normal = np.zeros(native.rowwise_assembled_size(*model, c.table, c.rows), np.float32)
-        native.rowwise_solve_assembled(*model, c.table, normal, c.latent, space, penalty(), c.rows)
-        for weights in (penalty(0.1), penalty(0.0, 0.1)):
-            with pytest.raises(ValueError, match="inconsistent"):
-                native.rowwise_solve(*model, c.table, c.data, c.latent, space, weights)
-            with pytest.raises(ValueError, match="inconsistent"):
-                native.rowwise_solve_assembled(*model, c.table, normal, c.latent, space, weights, c.rows)
+def test_differences_need_coupled_neighbours():
+    c = case(9, 1)
+    model = c.model._replace(coupled=np.arange(len(c.model.coupled), dtype=np.int32))
+    space = np.empty(native.rowwise_workspace(*model, c.table, c.rows, 1), np.float32)
+    native.rowwise_solve(*model, c.table, c.data, c.latent, space, penalty())
+    normal = np.zeros(native.rowwise_assembled_size(*model, c.table, c.rows), np.float32)
+    native.rowwise_solve_assembled(*model, c.table, normal, c.latent, space, penalty(), c.rows)
+    for weights in (penalty(0.1), penalty(0.0, 0.1)):
+        with pytest.raises(ValueError, match="inconsistent"):
+            native.rowwise_solve(*model, c.table, c.data, c.latent, space, weights)
+        with pytest.raises(ValueError, match="inconsistent"):
+            native.rowwise_solve_assembled(*model, c.table, normal, c.latent, space, weights, c.rows)

@@ -34,16 +34,6 @@ def test_c_code_is_in_use():
     assert all(getattr(spectral, name) is getattr(native, name) for name in NAMES)
 
 
-@pytest.mark.parametrize("slabs", [0, 1, 2])
-@pytest.mark.parametrize("shape", [(1, 1, 1), (3, 7, 13), (4, 16, 129), (2, 0, 5), (0, 3, 5)])
-def test_multiply_is_the_complex_product(kernels, slabs, shape):
-    rng = np.random.default_rng(1)
-    spectra, responses = complex_noise(rng, slabs, *shape), complex_noise(rng, slabs, *shape[1:])
-    expected = spectra.astype(np.complex128) * responses[:, None].astype(np.complex128)
-    assert kernels.multiply(spectra, responses) is None
-    np.testing.assert_allclose(spectra, expected, **TOLERANCE)
-
-
 @pytest.mark.parametrize("n", [0, 1, 6])
 def test_blend_adds_weighted_positions_and_touches_no_other(kernels, n):
     rng = np.random.default_rng(2)
@@ -56,33 +46,6 @@ def test_blend_adds_weighted_positions_and_touches_no_other(kernels, n):
             expected[..., to + i] += float(weight[i]) * slab[..., start + i]
     assert kernels.blend(accumulator, slabs, weights, spans) is None
     np.testing.assert_allclose(accumulator, expected, **TOLERANCE)
-
-
-@needs_native
-class TestMisuse:
-    """The binding refuses arguments that would make the C code read or write beyond an array."""
-
-    @pytest.mark.parametrize("shape", [(1, 4, 6), (2, 5, 6)])
-    def test_responses_of_another_shape(self, shape):
-        rng = np.random.default_rng(4)
-        with pytest.raises(ValueError, match="responses"):
-            native.multiply(complex_noise(rng, 1, 2, 5, 6), complex_noise(rng, *shape))
-
-    @pytest.mark.parametrize(
-        ("channels", "spans"),
-        [
-            *((2, [span]) for span in ((-1, 0, 4), (7, 0, 4), (0, -1, 4), (0, 3, 4), (0, 0, 5), (0, 0, -1))),
-            *((2, [3 * (end,)]) for end in (2**31 - 1, -(2**31))),
-            (1, [(0, 0, 4)]),
-            (2, 2 * [(0, 0, 4)]),
-            (2, [(0, 0)]),
-        ],
-    )
-    def test_spans_out_of_range_or_of_another_shape(self, channels, spans):
-        rng = np.random.default_rng(4)
-        whole, slabs = complex_noise(rng, channels, 5, 10), complex_noise(rng, 1, 2, 5, 6)
-        with pytest.raises(ValueError, match=r"spans|channels"):
-            native.blend(whole, slabs, np.ones((1, 4), np.float32), np.array(spans, np.int32))
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 8, 37])
@@ -100,21 +63,3 @@ def test_spectra_of_pairs_become_those_of_real_lines_and_back(kernels, n):
     back = np.empty_like(pairs)
     kernels.pair(spectra, 2, spectral.turns(n), back)
     np.testing.assert_allclose(back, 2 * pairs, rtol=0, atol=1e-5)
-
-
-@pytest.mark.skipif(native is None, reason=f"no C extension: {why_pure}")
-@pytest.mark.parametrize(
-    ("pairs", "turns", "spectra", "top", "message"),
-    [
-        ((2, 3, 5), 5, (1, 4, 8), 0, "channels"),
-        ((2, 3, 5), 4, (2, 4, 8), 0, "turns"),
-        ((2, 3, 5), 5, (2, 4, 5), 0, "spectra one more"),
-        ((2, 3, 5), 5, (2, 4, 8), 2, "top"),
-    ],
-)
-def test_pairs_that_do_not_fit_their_spectra(pairs, turns, spectra, top, message):
-    pairs, turns, spectra = (np.ones(shape, np.complex64) for shape in (pairs, turns, spectra))
-    with pytest.raises(ValueError, match=message):
-        native.unpair(pairs, turns, spectra, top)
-    with pytest.raises(ValueError, match=message):
-        native.pair(spectra, top, turns, pairs)

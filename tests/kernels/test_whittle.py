@@ -20,7 +20,7 @@ def expected(theta):
     """Return power at two places that depends smoothly on two parameters."""
     blur, tilt = theta
     shape = np.exp(-20 * blur * FREQUENCY**2 + tilt * np.sin(20 * FREQUENCY)) / FREQUENCY**1.5
-    return np.stack([shape, shape * np.exp(-(FREQUENCY**2))])
+    return np.stack([shape, shape * np.exp(-(FREQUENCY**2))]).astype(np.float32)
 
 
 GAINS = np.exp(RNG.normal(size=(TILES, len(SECTORS) - 1)))
@@ -29,7 +29,7 @@ POWER = ((SIGNAL + NOISE) * RNG.exponential(size=SIGNAL.shape)).astype(np.float3
 
 
 def tiles(theta, factor=1.0):
-    return Tiles(POWER, NOISE, factor * expected(theta), PLACE, SECTORS)
+    return Tiles(POWER, NOISE, np.float32(factor) * expected(theta), PLACE, SECTORS)
 
 
 def nats(theta, stiffness):
@@ -41,7 +41,7 @@ def test_the_gradient_is_that_of_the_nats(stiffness):
     theta, step = np.array([1.1, 0.2]), 1e-3
     _, *fitted = fit_gains(tiles(theta), LEVELS[1:], stiffness)
     axes = step * np.eye(2)
-    slopes = np.array([np.log(expected(theta + axis) / expected(theta - axis)) / (2 * step) for axis in axes])
+    slopes = np.stack([np.log(expected(theta + axis) / expected(theta - axis)) / np.float32(2 * step) for axis in axes])
     gradient, fisher = information(tiles(theta), slopes, tuple(fitted), stiffness)
     differences = [(nats(theta + axis, stiffness) - nats(theta - axis, stiffness)) / (2 * step) for axis in axes]
     # The gains are found to 2 percent, which changes the gradient at second order.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import interp1d
 
-from rsdeblur import Camera, Exposure, GyroLog, InputError, Translation, hand_shake
+from rsdeblur import Camera, Exposure, GyroLog, InputError, hand_shake
 from rsdeblur.choices import Motion
 from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.motion.alignment import Alignment, burst_captures
@@ -73,10 +73,3 @@ def test_a_recording_may_have_more_samples_than_an_exposure() -> None:
         np.testing.assert_allclose(capture.probe.displacements, alone.probe.displacements, atol=1e-9)
     with pytest.raises(InputError, match="gyro samples, more than"):
         burst_captures(log, CAMERA, [Exposure(0.05, 1.5), Exposure(1.8, 0.01)])
-
-
-def test_frames_are_refused_like_photos() -> None:
-    wide = Camera(160, 120, 50.0, distortion_model="fisheye", distortion=(0.0, 0.0, 0.0, 0.0))
-    still = Translation([0.0, 0.5], np.zeros((2, 3)), 1.0)
-    with pytest.raises(InputError, match="180 degrees"):
-        burst_captures(LOG, wide, EXPOSURES[:2], still)

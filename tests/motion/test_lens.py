@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Camera, Exposure, InputError, simulate
-from rsdeblur import deblur as deblur_picture
+from rsdeblur import Camera, InputError
 from rsdeblur.motion import lens
-from rsdeblur.simulation.scene import scene
-from rsdeblur.simulation.shake import hand_shake
-from rsdeblur.simulation.simulate import _distorted, _undistorted
 from tests.installed import needs
 
 WIDTH, HEIGHT = 192, 160
@@ -55,73 +50,24 @@ class TestInverse:
         assert np.isnan(seen).all(axis=-1).tolist() == [False, False]
         assert np.isnan(seen[..., :2]).all(axis=-1).tolist() == [False, True]
 
-    @pytest.mark.parametrize(("model", "k"), [("radtan", (-1.5, 0.0, 0.0, 0.0)), ("fisheye", (-0.9, 0.0, 0.0, 0.0))])
-    def test_folds_are_refused(self, model, k):
-        with pytest.raises(InputError, match="folds the picture over itself"):
-            camera_of(model, k)
 
-    @pytest.mark.parametrize(("model", "k"), [("radtan", (0.1,)), ("fisheye", (0.1,) * 5), ("none", (0.1,))])
-    def test_the_number_of_coefficients_is_checked(self, model, k):
-        with pytest.raises(InputError, match=f"'{model}' must have .* coefficients, got {len(k)}"):
-            camera_of(model, k)
-
-
-class TestOracles:
-    @MODELS
-    def test_the_simulators_lens_is_the_same(self, model, k, pixels):
-        if model == "none":
-            return
-        camera = camera_of(model, k)
-        directions = camera.rays(pixels)
-        points = (pixels - camera.principal_point) / camera.focal_length
-        np.testing.assert_allclose(_distorted(directions, camera), points, atol=1e-11)
-        # The simulator interpolates its table of the fisheye linearly between angles 1e-5 apart.
-        np.testing.assert_allclose(_undistorted(points, camera), directions, atol=1e-9)
-
-    @MODELS
-    def test_opencv_projects_alike(self, model, k, pixels):
-        cv2 = needs("bench")
-        camera = camera_of(model, k)
-        directions = np.ascontiguousarray(camera.rays(pixels).reshape(-1, 1, 3))
-        zero, coefficients = np.zeros(3), np.array(k or (0.0,) * 4)
-        if model == "fisheye":
-            points, _ = cv2.fisheye.projectPoints(directions, zero, zero, camera.matrix, coefficients)
-        else:
-            points, _ = cv2.projectPoints(directions, zero, zero, camera.matrix, coefficients)
-        np.testing.assert_allclose(points.reshape(pixels.shape), pixels, atol=1e-8)
-
-
-EXPOSURE = Exposure(0.05, 0.025)
-
-
-def quality(truth: np.ndarray, image: np.ndarray) -> float:
-    inside = np.s_[20:-20, 20:-20]
-    return float(peak_signal_noise_ratio(truth[inside], image.clip(0, 1)[inside], data_range=1.0))
-
-
-@pytest.mark.parametrize(("name", "direction"), [("radtan", "top-down"), ("fisheye", "left-right")])
-def test_a_picture_is_deblurred_through_its_lens(name: str, direction: str) -> None:
-    model, k = LENSES[name]
-    strong = tuple(3 * value for value in k) if name == "fisheye" else k
-    camera = Camera(
-        WIDTH, HEIGHT, 110.0, readout_time=0.03, readout_direction=direction, distortion_model=model, distortion=strong
-    )
-    pinhole = Camera(WIDTH, HEIGHT, 110.0, readout_time=0.03, readout_direction=direction)
-    log = hand_shake(0.2, strength=2.5, seed=3)
-    seen = simulate(scene(HEIGHT + 40, WIDTH + 40)[..., 1], log, camera, EXPOSURE, noise=0.001, samples=40)
-    with_lens, without = (
-        quality(seen.rolling, deblur_picture(seen.blurred, log, c, EXPOSURE, prior="wiener", nsr=0.01).image)
-        for c in (camera, pinhole)
-    )
-    # Measured 18.8 to 19.2 dB blurred, 19.5 to 23.5 dB with the paths of a pinhole, 24.3 to 27.1 dB with the lens.
-    assert with_lens > without + 1.5
-    assert with_lens > quality(seen.rolling, seen.blurred) + 3
+@MODELS
+def test_opencv_projects_alike(model, k, pixels):
+    cv2 = needs("bench")
+    camera = camera_of(model, k)
+    directions = np.ascontiguousarray(camera.rays(pixels).reshape(-1, 1, 3))
+    zero, coefficients = np.zeros(3), np.array(k or (0.0,) * 4)
+    if model == "fisheye":
+        points, _ = cv2.fisheye.projectPoints(directions, zero, zero, camera.matrix, coefficients)
+    else:
+        points, _ = cv2.projectPoints(directions, zero, zero, camera.matrix, coefficients)
+    np.testing.assert_allclose(points.reshape(pixels.shape), pixels, atol=1e-8)
 
 
 def test_wild_coefficients_are_refused_or_right(pixels: np.ndarray) -> None:
     """NumPy does not warn, and every direction is projected back to its pixel."""
     rng = np.random.default_rng(0)
-    for _ in range(200):
+    for _ in range(60):
         model, count = (("radtan", int(rng.choice([4, 5, 8]))), ("fisheye", 4))[rng.integers(2)]
         try:
             camera = camera_of(model, tuple(rng.normal(0, 10.0 ** rng.uniform(-3, 2), count)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -152,20 +151,6 @@ class TestCapture:
         Capture.from_log(constant(0, 0, 0), camera.turned(), EXPOSURE)
 
 
-class TestRowPoses:
-    def test_a_lens_whose_coefficients_are_zero_is_a_pinhole(self, shaky_log):
-        """Cameras without distortion have a kernel of their own."""
-        plain = camera_of()
-        bent = replace(plain, distortion_model="radtan", distortion=(0.0,) * 4)
-        rows, cols = np.linspace(0, HEIGHT - 1, 4), np.linspace(0, WIDTH - 1, 3)
-        paths = [
-            BlurPaths.from_capture(Capture.from_log(shaky_log(), camera, EXPOSURE), rows, cols).displacements
-            for camera in (plain, bent)
-        ]
-        # Rounding of coordinates of some 100 px, in three steps.
-        np.testing.assert_allclose(*paths, atol=1e-11)
-
-
 class TestChange:
     """Changes and curvatures, from which the numbers of bands and strips follow."""
 
@@ -190,17 +175,6 @@ class TestChange:
 def _paths_with_the_times_of_the_probe(capture, rows, cols):
     samples = capture.probe.displacements.shape[2]
     return BlurPaths.from_capture(capture, rows, cols, samples=samples).displacements
-
-
-class TestEveryRow:
-    @pytest.mark.parametrize("motion", MOTIONS)
-    def test_is_from_capture_at_all_rows(self, shaky_log, motion):
-        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE, motion=motion)
-        paths = BlurPaths.every_row(capture, COLS)
-        np.testing.assert_array_equal(paths.rows, np.arange(HEIGHT))
-        some = BlurPaths.from_capture(capture, paths.rows[[5, 63]], COLS, samples=paths.displacements.shape[2])
-        np.testing.assert_array_equal(paths.displacements[[5, 63]], some.displacements)
-        assert not paths.displacements.flags.writeable
 
 
 class TestRectify:

@@ -58,25 +58,6 @@ def test_without_readout_it_is_the_identity(large, rate):
     assert coverage.all()
 
 
-@pytest.mark.parametrize("direction", ["top-down", "bottom-up"])
-def test_each_pixel_is_read_where_a_row_saw_it(shaky_log, direction):
-    camera = camera_of(readout_direction=direction)
-    # 2.5 times the usual shake, below the rates that cause the warning about degrees.
-    log = shaky_log((2.5, 2.5, 2.5), seed=2)
-    capture = Capture.from_log(log, camera, EXPOSURE)
-    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
-    # The picture contains its own coordinates, so the result shows where it was read.
-    read, _ = rectify(np.stack([x, y], axis=-1), capture)
-    reference = capture.track.at(capture.mid(np.array((HEIGHT - 1) / 2)))
-    world = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.matrix).T @ reference
-    poses = camera.matrix @ capture.track.at(capture.mid(read[..., 1].astype(np.float64)))
-    shown = np.einsum("yxij,yxj->yxi", poses, world)
-    # Poses are linear between rows 0.4 ms apart, the last step of the iteration moves by 1e-3 px, and positions up to
-    # 100 px are float32.
-    np.testing.assert_allclose(read[INSIDE], (shown[..., :2] / shown[..., 2:])[INSIDE], atol=5e-3)
-    assert np.abs(read - np.stack([x, y], axis=-1))[INSIDE].max() > 3
-
-
 @pytest.mark.parametrize("rate", [1.0, -1.0])
 def test_coverage_marks_what_no_row_saw(rate):
     # A pan of 1 rad/s about y moves the picture by f omega = 110 px/s: rows 15 ms from the middle are off by 1.65 px.

@@ -74,15 +74,3 @@ class TestIntegration:
         times = np.linspace(*log.span, 23)
         # A change of basis: exp(-[R w]x) = R exp(-[w]x) R^T.
         np.testing.assert_allclose(rotated.at(times), turn @ straight.at(times) @ turn.T, atol=ROUNDING)
-
-
-class TestTime:
-    def test_camera_time_is_gyro_time_plus_offset(self):
-        t = np.linspace(0.0, 1.0, 11)
-        omega = np.stack([t, 0 * t, 0 * t], axis=1)
-        camera = Camera(64, 48, 80.0, time_offset=5.0)
-        track = OrientationTrack.from_log(GyroLog(t, omega), camera, 5.2, 5.6, 0)
-        before, at, after = track.angles(np.array([5.2, 5.4, 5.6]))
-        # The rate at gyro time 0.2 to 0.6 s is 0.2 to 0.6 rad/s.
-        assert at[0] - before[0] == pytest.approx(0.06, abs=ROUNDING)
-        assert after[0] - at[0] == pytest.approx(0.10, abs=ROUNDING)

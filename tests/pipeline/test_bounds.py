@@ -5,12 +5,10 @@ Warnings are errors, so none of these calls overflows in silence.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,7 +16,6 @@ from rsdeblur import (
     Camera,
     Deconvolver,
     Exposure,
-    FileFormatError,
     GyroLog,
     InputError,
     PsfBank,
@@ -32,8 +29,6 @@ from rsdeblur import (
     simulate,
 )
 from rsdeblur.choices import DISTORTIONS, MODES
-from rsdeblur.io.arrays import read_psfs
-from rsdeblur.motion import BlurPaths
 from tests.installed import PRIORS
 
 HEIGHT, WIDTH = 36, 48
@@ -46,20 +41,6 @@ KERNEL = np.full((1, 5), 0.2)
 
 def run(image: Any = NOISE, **options: Any) -> Any:
     return deblur(image, LOG, CAMERA, EXPOSURE, **options)
-
-
-@pytest.mark.parametrize("value", [0.0, 1e-21, 1e21, np.inf, np.nan])
-@pytest.mark.parametrize("name", ["nsr", "weight"])
-def test_strengths_that_float32_does_not_carry_are_refused(name: str, value: float) -> None:
-    with pytest.raises(InputError, match=rf"^{name} must be"):
-        run(**{name: value})
-
-
-@pytest.mark.parametrize("value", [-1e-9, 2e12, np.nan])
-def test_noise_that_float32_does_not_carry_is_refused(value: float) -> None:
-    for refused in (lambda: run(noise=value), lambda: deconvolve(NOISE, KERNEL, noise=value)):
-        with pytest.raises(InputError, match=r"^noise must be"):
-            refused()
 
 
 @pytest.mark.parametrize(("noise", "options"), [(0.0, {}), (1e-40, {"weight": 1e-20}), (1e12, {"weight": 1e20})])
@@ -78,25 +59,10 @@ def test_the_largest_strengths_have_a_finite_result(mode: str, prior: str) -> No
         assert np.isfinite(run(mode=mode, prior=prior, **strengths).image).all()
 
 
-@pytest.mark.parametrize("value", [-2e12, 1e300, np.nan])
-@pytest.mark.parametrize("options", [{}, {"weight": 0.01}, {"prior": "wiener", "nsr": 0.01}, {"mode": "rowwise"}])
-def test_one_pixel_that_float32_does_not_carry_is_refused(options: dict[str, Any], value: float) -> None:
-    image = NOISE.astype(np.float64)
-    image[7, 9, 1] = value
-    with pytest.raises(InputError, match=r"^image must"):
-        run(image, **options)
-
-
 @pytest.mark.parametrize("prior", PRIORS)
 @pytest.mark.parametrize(("mode", "scale"), [*zip(MODES, (1e12, 1e-45, 1e12), strict=True)])
 def test_pictures_of_any_scale_have_a_finite_result(mode: str, prior: str, scale: float) -> None:
     assert np.isfinite(run(NOISE * np.float32(scale), mode=mode, prior=prior).image).all()
-
-
-@pytest.mark.parametrize("transfer", [0.0, 0.09, 11.0])
-def test_a_gamma_that_float32_does_not_carry_is_refused(transfer: float) -> None:
-    with pytest.raises(InputError, match=r"^transfer must be"):
-        run(transfer=transfer)
 
 
 @pytest.mark.parametrize("transfer", [0.1, 10.0])
@@ -106,25 +72,6 @@ def test_a_result_that_is_not_finite_is_refused(transfer: float) -> None:
         assert np.isfinite(run(image, transfer=transfer, prior="wiener", nsr=1e-6).image).all()
     except InputError as error:
         assert "the result is not finite" in str(error)  # noqa: PT017, because either is right
-
-
-@pytest.mark.parametrize(("dtype", "bits"), [("u2", 0x7C01), ("u4", 0x7F800001), ("u8", 0x7FF0000000000001)])
-def test_signalling_nans_are_refused_without_a_warning(dtype: str, bits: int, tmp_path: Path) -> None:
-    pixels = np.full((9, 9), 0.5, f"f{dtype[1]}")
-    pixels.view(dtype)[3, 3] = bits
-    with pytest.raises(InputError, match="image must be finite"):
-        deconvolve(pixels, np.ones((3, 3)) / 9)
-    with pytest.raises(InputError, match=r"psf.*must be finite"):
-        deconvolve(np.full((48, 64), 0.5), pixels)
-    for path in (tmp_path / "a.npy", tmp_path / "a.tif"):
-        np.save(path, pixels) if path.suffix == ".npy" else tifffile.imwrite(path, pixels)
-        with pytest.raises(FileFormatError, match=rf"{path.name}.*must be finite"):
-            read_psfs(path, (48, 64))
-
-
-def test_floats_that_integers_would_make_white_are_refused() -> None:
-    with pytest.raises(InputError, match="most of them beyond 1"):
-        run(NOISE * np.float32(65535), out=np.empty_like(NOISE, dtype=np.uint8))
 
 
 @pytest.mark.parametrize("options", [{"weight": 1e20}, {"prior": "gradient", "weight": 1e20}])
@@ -142,36 +89,6 @@ def test_an_even_result_is_not_good(options: dict[str, Any]) -> None:
 LONGEST_LINE = 300
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "options"),
-    [
-        ("bands", HEIGHT + 1, {}),
-        ("bands", 10**9, {}),
-        pytest.param("bands", 10**5000, {}, id="of 5000 digits"),
-        ("strips", WIDTH + 1, {}),
-        ("strips", 10**6, {"mode": "rowwise"}),
-        ("threads", 10**6, {}),
-    ],
-)
-def test_counts_beyond_the_picture_are_refused(name: str, value: int, options: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match=rf"^{name} must be at most \d+, got") as refusal:
-        run(**{name: value}, **options)
-    assert len(str(refusal.value)) < LONGEST_LINE
-
-
-def test_tiles_and_memory_are_bounded() -> None:
-    camera = Camera(4000, 3000, 3000.0, readout_time=0.03)
-    with pytest.raises(InputError, match="bands times strips must be at most 16384, got 2000 x 200"):
-        psfs(LOG, camera, EXPOSURE, bands=2000, strips=200)
-    with pytest.raises(InputError, match="paths at 3000 x 5 places have 61215000 points, more than 6000000"):
-        psfs(LOG.minus_bias([0, 8, 0]), camera, EXPOSURE, bands=3000, strips=5)
-    shape, centres = (1100, 1100), np.arange(4.0, 1100, 10)
-    impulses = np.zeros((len(centres), len(centres), 3, 3), np.float32)
-    impulses[..., 1, 1] = 1
-    with pytest.raises(InputError, match=r"the filters of 12100 tiles of .* px would take .* GiB"):
-        Deconvolver(PsfBank(impulses, centres, centres), shape, nsr=1e-6)
-
-
 def test_a_tiny_nsr_counts_as_what_float32_carries() -> None:
     bank = PsfBank.for_picture(np.full((1, 5), 0.2), (HEIGHT, WIDTH))
     light = NOISE[..., 0]
@@ -181,57 +98,25 @@ def test_a_tiny_nsr_counts_as_what_float32_carries() -> None:
 
 def test_the_search_ends_where_the_log_does() -> None:
     """Ten years are searched as fast as the log: what it does not cover takes no time."""
-    log = hand_shake(0.3, strength=1.0, seed=3)
+    log = hand_shake(0.2, strength=1.0, seed=3)
     tried: list[str] = []
-    sheet = simulate(scene(64, 80), log, Camera(80, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.05)).blurred
+    sheet = simulate(scene(64, 80)[..., 1], log, Camera(80, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.05)).blurred
     found = find_time_offset(
         *(sheet, log, Camera(80, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.05)),
         search=(-3e8, 3e8),
         progress=lambda stage, _: tried.append(stage),
     )
-    # 220 ms are covered: 56 coarse steps, two that are not, and the windows of the fine search.
-    assert len(tried) < 56 + 2 + 9 * 8
+    # 120 ms are covered: 31 coarse steps, two that are not, and the windows of the fine search.
+    assert len(tried) < 31 + 2 + 9 * 8
     assert -0.2 < found.best < 0.2
     day = GyroLog(np.arange(0.0, 300, 0.02), np.zeros((15_000, 3)))
     with pytest.raises(InputError, match="search must span at most 120 s of the log"):
         find_time_offset(sheet, day, Camera(80, 64, 90.0), Exposure(150.0, 0.05), search=(-100, 100))
 
 
-def test_exposures_of_minutes_are_refused() -> None:
-    log = GyroLog(np.arange(12_000) * 0.005, np.zeros((12_000, 3)))
-    with pytest.raises(InputError, match=r"has 1\d{4} gyro samples, more than 10000; are the duration"):
-        psfs(log, CAMERA, Exposure(1.0, 55.0))
-
-
-def test_simulations_are_bounded() -> None:
-    with pytest.raises(InputError, match="at most 100000000 pixels"):
-        scene(10**6, 10**6)
-    with pytest.raises(InputError, match="at most 2000000 samples"):
-        hand_shake(1e9)
-    with pytest.raises(InputError, match="takes 10000000 warps"):
-        simulate(NOISE, LOG, CAMERA, EXPOSURE, samples=10**7)
-    log = GyroLog(np.arange(120.0), np.zeros((120, 3)))
-    with pytest.raises(InputError, match="too long to be simulated"):
-        simulate(NOISE, log, CAMERA, Exposure(1.0, 110.0))
-
-
-def test_a_lens_beyond_180_degrees_is_refused() -> None:
-    """A focal length in mm puts the corners of the frame at many turns around the axis."""
-    with pytest.raises(InputError, match="beyond 180 degrees off the axis"):
-        Camera(160, 120, 4.2, distortion_model="fisheye", distortion=(0, 0, 0, 0))
+def test_a_lens_that_sees_everything_has_psfs() -> None:
     whole_sphere = Camera(160, 120, 100 / np.pi, distortion_model="fisheye", distortion=(0, 0, 0, 0))
     assert np.isfinite(psfs(hand_shake(0.2, strength=0.01), whole_sphere, EXPOSURE).kernels).all()
-
-
-def test_motion_that_leads_nowhere_is_refused() -> None:
-    """Half a turn within the exposure: the pixels of a plane behind the camera have no place in the picture."""
-    log = GyroLog(np.arange(200) * 0.005, np.full((200, 3), [0.0, np.pi, 0.0]))
-    with pytest.raises(InputError, match=r"the blur reaches|the motion leads"):
-        psfs(log, Camera(WIDTH, HEIGHT, 60.0), Exposure(0.0, 0.9))
-    broken = np.zeros((HEIGHT, 1, 3, 2))
-    broken[3, 0, 1] = np.nan
-    with pytest.raises(InputError, match="not finite"):
-        BlurPaths(broken, np.arange(float(HEIGHT)), np.zeros(1))
 
 
 @settings(derandomize=True, deadline=None, max_examples=25)

@@ -73,15 +73,15 @@ def test_the_command_line_has_the_same_defaults(command: click.Command, differin
 
 def test_python_and_the_command_line_give_the_same_pixels(tmp_path: Path) -> None:
     """One capture has lamps, the other one a drift that refining corrects."""
-    camera, exposure = Camera(288, 216, 420.0, readout_time=0.02), Exposure(0.5, 1 / 20)
+    camera, exposure = Camera(192, 144, 280.0, readout_time=0.02), Exposure(0.5, 1 / 20)
     log = hand_shake(1.2, seed=5)
     np.savetxt(tmp_path / "log.csv", np.column_stack([log.t, log.omega]), "%.9f", ",", header="t,wx,wy,wz", comments="")
     camera.save(tmp_path / "camera.toml")
     sources = ["--gyro", tmp_path / "log.csv", "--camera", tmp_path / "camera.toml"]
     recording = read_gyro(tmp_path / "log.csv"), read_camera(tmp_path / "camera.toml"), exposure
-    lamps = scene(248, 320)
-    lamps[100:103, 150:153] = lamps[140:143, 70:73] = 30.0
-    captures = (lamps, None), (scene(248, 320), Translation.drift((3.0, -2.0), camera, exposure))
+    lamps = scene(176, 224)
+    lamps[70:73, 100:103] = lamps[90:93, 50:53] = 30.0
+    captures = (lamps, None), (scene(176, 224), Translation.drift((3.0, -2.0), camera, exposure))
     for light, drift in captures:
         blurred = simulate(light, log, camera, exposure, translation=drift, noise=0.005).blurred
         photo = np.rint(255 * from_linear(blurred.clip(0, 1), "srgb")).astype(np.uint8)
@@ -91,6 +91,7 @@ def test_python_and_the_command_line_give_the_same_pixels(tmp_path: Path) -> Non
         assert CliRunner().invoke(main, list(map(str, call)), catch_exceptions=False).exit_code == 0
         result = deblur(photo, *recording, refine=drift is not None, out=np.empty_like(photo))
         assert "highlights" in result.timings if drift is None else result.refinement.accepted
+        assert (next(iter(result.timings)) == "refine") == (drift is not None)
         np.testing.assert_array_equal(read_picture(tmp_path / "sharp.png").pixels, result.image)
 
 
@@ -100,28 +101,6 @@ def test_automatic_saturation_yields_to_speed_and_memory() -> None:
         assert Options(**options).saturation_in_effect == "ignore"
         assert Options(**options, **asked).saturation_in_effect == "always"
         assert replace(Options(**options), quality="best", max_memory=None).saturation_in_effect == "auto"
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"mode": "rowwise", "border": "unknown"}, "the mode rowwise takes no border unknown"),
-        ({"quality": "best", "border": "unknown"}, "the quality best takes no border unknown"),
-        ({"fallback": True, "geometry": "rectify"}, "changes its shape"),
-        ({"max_memory": 2**30, "normalize": True}, "normalize needs the whole picture"),
-        ({"max_memory": 2**30, "border": "unknown"}, "border unknown needs the whole picture"),
-        ({"max_memory": 2**30, "geometry": "rectify"}, "geometry rectify needs the whole picture"),
-        ({"normalize": "yes"}, "normalize must be True or False"),
-        ({"max_memory": 0.5}, "max_memory must be a whole number"),
-        ({"exponent": 0}, "exponent must be greater than 0"),
-        ({"prior": "tv", "exponent": 0.5}, "exponent belongs to the prior hyper-laplacian"),
-        ({"quality": "fast", "weight": 0.1}, "the prior wiener has no weight"),
-        ({"softness": 1.5}, "softness must be at most 1"),
-    ],
-)
-def test_refusals(options: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        Options(**options)
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
@@ -138,13 +117,6 @@ def test_quality_sets_mode_and_prior_unless_they_are_set(quality: Quality) -> No
     assert (prior.mode_is_open, prior.prior_in_effect) == (QUALITIES[quality][0] == "auto", "tv")
 
 
-def test_quality_is_the_same_in_python_and_on_the_command_line() -> None:
-    for command in (deblur_command, batch, video):
-        (option,) = (option for option in command.params if option.name == "quality")
-        assert isinstance(option.type, click.Choice)
-        assert option.type.choices == tuple(QUALITIES)
-
-
 def test_auto_transfer_is_srgb_for_integers_and_linear_for_floats() -> None:
     log = hand_shake(0.2, strength=0.3, seed=3)
     light = simulate(scene(120, 136), log, CAMERA, EXPOSURE).blurred.clip(0, 1)
@@ -155,11 +127,11 @@ def test_auto_transfer_is_srgb_for_integers_and_linear_for_floats() -> None:
             deblur(pixels, log, CAMERA, EXPOSURE, **options, transfer=chosen).image for chosen in ("auto", transfer)
         ]
         np.testing.assert_array_equal(*results)
-        searches = [
-            find_time_offset(pixels, log, CAMERA, EXPOSURE, search=(-0.01, 0.01), transfer=chosen).scores
-            for chosen in ("auto", transfer)
-        ]
-        np.testing.assert_array_equal(*searches)
+    searches = [
+        find_time_offset(stored[..., 1], log, CAMERA, EXPOSURE, search=(-0.004, 0.004), transfer=chosen).scores
+        for chosen in ("auto", "srgb")
+    ]
+    np.testing.assert_array_equal(*searches)
 
 
 def test_simulations_of_integers_are_encoded_like_them() -> None:
@@ -171,8 +143,6 @@ def test_simulations_of_integers_are_encoded_like_them() -> None:
         np.testing.assert_array_equal(picture, other)
     # Decoding and encoding again changes float32's last digits only.
     np.testing.assert_allclose(auto.rectified, sharp[20:-20, 20:-20] / np.float32(255), atol=1e-6)
-    with pytest.raises(InputError, match="sharp must be uint8, uint16 or float, got int64"):
-        simulate(sharp.astype(np.int64), log, CAMERA, EXPOSURE)
 
 
 def test_a_plan_is_what_deblur_does_and_serves_other_pictures() -> None:
@@ -189,10 +159,3 @@ def test_a_plan_is_what_deblur_does_and_serves_other_pictures() -> None:
     again = ready.apply(second)
     assert (again.nsr, again.weight) == (alone.nsr, alone.weight)
     np.testing.assert_array_equal(again.psfs.kernels, alone.psfs.kernels)
-
-
-def test_timings_contain_the_refinement() -> None:
-    log = hand_shake(0.4, strength=0.3, seed=3)
-    picture = simulate(scene(120, 136), log, CAMERA, EXPOSURE).blurred
-    timings = deblur(picture, log, CAMERA, EXPOSURE, quality="fast", refine=True).timings
-    assert list(timings)[:2] == ["refine", "tune"]

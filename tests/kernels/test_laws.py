@@ -1,0 +1,240 @@
+"""Laws of kernels that paint and measure; test_twins.py compares all kernels with their oracles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.fft
+from scipy import ndimage
+
+from rsdeblur.kernels import chroma, frame
+from rsdeblur.kernels.energy import halved_gradient_energy
+from rsdeblur.kernels.extrapolate import CHUNK, extrapolate
+from rsdeblur.kernels.frame import GATES, HALO, LEVELS, WORK
+from rsdeblur.kernels.periodogram import smoothed_power
+from rsdeblur.kernels.raster import rasterize
+from rsdeblur.kernels.resample import to_spline
+from rsdeblur.kernels.spread import interpolated
+from rsdeblur.kernels.tone import END, to_srgb, to_srgb_levels
+from rsdeblur.kernels.warp import average_warps
+from tests.oracles.geometry import rasterize_numpy, to_spline_numpy
+
+# A few roundings of values up to 1; slopes up to 4 divide by variances down to FLAT.
+FLOAT32, SLOPED = 1e-6, 1e-4
+
+
+@pytest.fixture(params=[(1, 1), (2, 7), (37, 50)], ids=str)
+def picture(request):
+    return np.random.default_rng(0).random((*request.param, 3), dtype=np.float32)
+
+
+def joined(luma, half, peak):
+    out = np.empty((*luma.shape[:2], 3), np.float32)
+    chroma.join(luma, half, peak, out)
+    return out
+
+
+def test_an_even_colour_comes_back(picture):
+    """Where all pixels have the same ratios of red, green and blue, the brightness says all."""
+    coloured = picture[..., :1] * np.float32([0.9, 0.5, 0.1])
+    luma, half = chroma.separate(coloured)
+    # Things much darker than the bright parts count as grey.
+    np.testing.assert_allclose(joined(luma, half, 1.0), coloured, atol=chroma.DARK)
+
+
+def test_a_smooth_picture_comes_back():
+    y, x = np.mgrid[:60, :80] / 100
+    smooth = np.stack([x, y, 1 - x * y], axis=-1).astype(np.float32)
+    # Interpolated linearly between pixels of twice the size: exact but for the bend of x y and the ends of the picture.
+    luma, half = chroma.separate(smooth)
+    again = joined(luma, half, 1.0)
+    np.testing.assert_allclose(again[2:-2, 2:-2], smooth[2:-2, 2:-2], atol=1e-3)
+
+
+def test_ringing_below_black_is_not_amplified():
+    """Where the brightness is about zero, ratios to it mean nothing."""
+    rng = np.random.default_rng(2)
+    luma = rng.normal(0.0, 0.02, (64, 80, 1)).astype(np.float32)
+    half = rng.normal([0.05, -0.03, 0.0], 0.02, (32, 40, 3)).astype(np.float32)
+    out = joined(luma, half, 1.0)
+    # The mean of the colours, and at most four times what the brightness differs from its mean, 0.1 at most.
+    assert np.abs(out).max() < 0.1 + 4 * 0.15
+
+
+@pytest.mark.parametrize("size", [(40, 50), (41, 51)])
+def test_steps_are_twice_as_large_at_half_the_size(size: tuple[int, int]) -> None:
+    """An odd last row or column has no partner."""
+    down, across = np.indices(size).astype(np.float32)
+    picture = np.stack([0.01 * across, 0.02 * down], axis=-1)
+    # The last column and row have no next. Steps of 0.02 between values up to 1 lose some digits in float32.
+    assert halved_gradient_energy(picture) == pytest.approx(0.02**2 * 24 / 25 + 0.04**2 * 19 / 20, rel=1e-4)
+
+
+@pytest.mark.parametrize("width", [4, CHUNK, CHUNK + 3])
+def test_a_step_ahead_of_a_straight_line_stays_on_it(width):
+    step = np.arange(3 * width, dtype=np.float32).reshape(1, width, 3) / width
+    first, second = np.ones_like(step), 1 + step
+    sums = extrapolate(first, second, np.float32(0.5))
+    # Rounding of float32, in sums over a chunk.
+    np.testing.assert_allclose(first, 1 + 1.5 * step, rtol=1e-6)
+    np.testing.assert_allclose(sums, [np.square(step).sum(dtype=float), np.square(second).sum(dtype=float)], rtol=1e-5)
+
+
+COUNT = 3
+SHAPE = 45, 58
+
+
+def combined(planes, variances, means, factors):
+    out = np.empty([n - 2 * HALO for n in planes.shape[1:]], np.float32)
+    work = np.zeros((WORK + len(planes), *planes.shape[1:]), np.float32)
+    frame.combine(planes.copy(), variances, means, np.repeat(factors, 2, axis=-1)[..., ::2], GATES, work, out)
+    return out
+
+
+@pytest.fixture
+def arguments():
+    rng = np.random.default_rng(0)
+    shapes = (COUNT, *SHAPE), (COUNT, LEVELS, 3), (COUNT,), (COUNT, LEVELS, 3, 3)
+    planes, variances, means, factors = (rng.normal(size=shape).astype(np.float32) for shape in shapes)
+    return planes, np.abs(variances), means, factors
+
+
+def test_without_gates_the_pictures_come_back(arguments):
+    planes, variances, _, factors = arguments
+    weights = np.array([2.0, -1.0, 0.5], np.float32)
+    plain = np.zeros_like(factors)
+    plain[..., 0] = weights[:, None, None]
+    expected = np.tensordot(weights, planes, 1)[HALO:-HALO, HALO:-HALO]
+    np.testing.assert_allclose(combined(planes, variances, weights, plain), expected, atol=1e-5)
+
+
+@pytest.fixture(params=[(8, 8), (6, 4), (64, 64)], ids=str)
+def tiles(request):
+    return np.random.default_rng(0).normal(size=(3, *request.param)).astype(np.float32)
+
+
+def test_the_whole_spectrum_is_smoothed(tiles):
+    """Half a spectrum gives the same as the whole one, convolved with 1/6, 2/3, 1/6 along both axes."""
+    power = np.abs(np.fft.fft2(tiles)) ** 2
+    for axis in (1, 2):
+        power = 2 / 3 * power + (np.roll(power, 1, axis) + np.roll(power, -1, axis)) / 6
+    half = power[..., : tiles.shape[2] // 2 + 1]
+    np.testing.assert_allclose(smoothed_power(scipy.fft.rfft2(tiles)), half, rtol=1e-4, atol=1e-5 * half.max())
+
+
+@pytest.mark.parametrize("shape", [(300, 7, 1), (1, 90, 4), (2, 2, 2)])
+def test_coefficients_are_those_of_scipy(shape: tuple[int, int, int]) -> None:
+    picture = np.random.default_rng(2).uniform(size=shape).astype(np.float32)
+    got, expected = picture.copy(), picture.copy()
+    to_spline(got, threads=1)
+    to_spline_numpy(expected)
+    # The gain of the filters is at most 24; recursions in float32 for values up to 16.
+    np.testing.assert_allclose(got, expected, atol=2e-5)
+    shared = picture.copy()
+    to_spline(shared, threads=3)
+    np.testing.assert_array_equal(shared, got)
+
+
+# Dark and bright, below black and beyond white, and either side of the end of the straight part.
+LIGHT = np.concatenate(
+    [
+        np.linspace(-2.0, 2.0, 3001, dtype=np.float32),
+        np.nextafter(np.repeat(END, 2), np.array([0, 1], np.float32)),
+        np.array([END, -END, 0.0, 1e-40, 1e12], np.float32),
+    ]
+)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_integers_are_the_rounded_clipped_values(dtype: type) -> None:
+    most = np.iinfo(dtype).max
+    levels, is_finite = to_srgb_levels(LIGHT, np.dtype(dtype))
+    assert levels.dtype == dtype
+    assert is_finite
+    np.testing.assert_array_equal(levels, np.rint(to_srgb(LIGHT).clip(0, 1) * np.float32(most)))
+    for value in (np.nan, np.inf, -np.inf):
+        assert not to_srgb_levels(np.append(LIGHT, np.float32(value)), np.dtype(dtype))[1]
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(0, 0), (3, 0), (0, -5), (-40, 60)])
+def test_whole_pixels_shift_and_edges_mirror(dx, dy):
+    picture, pad = np.random.default_rng(0).random((24, 31, 3)), 70
+    spline = np.stack(
+        [ndimage.spline_filter(plane, 3, output=np.float32, mode="mirror") for plane in np.moveaxis(picture, 2, 0)], -1
+    )
+    warps = np.tile(np.eye(3), (24, 1, 1, 1))
+    warps[..., :2, 2] = dx, dy
+    # numpy's "reflect" is the spline's "mirror": the border pixel is not repeated.
+    wide = np.pad(picture, ((pad, pad), (pad, pad), (0, 0)), mode="reflect")
+    expected = wide[pad + dy : pad + dy + 24, pad + dx : pad + dx + 31]
+    # Sixteen float32 products of values below 1 with weights that sum to 1, and a float32 fraction of a pixel.
+    np.testing.assert_allclose(average_warps(spline, warps, 31), expected, atol=2e-6)
+
+
+HALF_HEIGHT, HALF_WIDTH = 9, 12
+
+# Float32 rounds entries, which are at most 1, by 6e-8; the Numba kernel never steps less than 1e-9 of a segment, at
+# each of some ten grid lines crossed.
+ATOL = 2e-7
+
+
+def raster(path):
+    return rasterize(np.array(path, dtype=np.float64)[None], HALF_HEIGHT, HALF_WIDTH)[0]
+
+
+def random_paths(count=9, samples=17, seed=0):
+    """Return smooth paths that reach 8 px down and 11 px across; every third one moves along one axis only."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0.0, 2 * np.pi, samples)
+    waves = rng.normal(size=(count, 3, 2))[:, :, None] * np.sin(np.arange(1, 4)[:, None] * t + 1.0)[None, :, :, None]
+    paths = waves.sum(axis=1)
+    paths *= [10.9, 7.9] / np.abs(paths).max(axis=1, keepdims=True)
+    paths[1::3, :, 0] = 0.3
+    paths[2::3, :, 1] = -2.0
+    return paths
+
+
+def test_paths_over_many_pixels_are_traced_as_by_the_oracle():
+    paths = random_paths()
+    kernels = rasterize(paths, HALF_HEIGHT, HALF_WIDTH)
+    assert kernels.min() >= 0
+    np.testing.assert_allclose(kernels.sum(axis=(1, 2), dtype=np.float64), 1, atol=1e-6)
+    np.testing.assert_allclose(kernels, rasterize_numpy(paths, HALF_HEIGHT, HALF_WIDTH), rtol=0, atol=ATOL)
+    dy, dx = np.mgrid[-HALF_HEIGHT : HALF_HEIGHT + 1, -HALF_WIDTH : HALF_WIDTH + 1]
+    centroids = np.einsum("nyx,ayx->na", kernels.astype(float), np.stack([dx, dy]))
+    # Bilinear weights keep the mean over time; float32 rounds by 6e-8 of a reach below 12 px.
+    np.testing.assert_allclose(centroids, 0.5 * (paths[:, 1:] + paths[:, :-1]).mean(axis=1), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("x", "y"), [(0, 0), (5, -3), (-11, 8)])
+def test_a_point_on_a_pixel_is_a_delta(x, y):
+    kernel = raster([[x, y], [x, y]])
+    expected = np.zeros_like(kernel)
+    expected[HALF_HEIGHT + y, HALF_WIDTH + x] = 1.0
+    np.testing.assert_array_equal(kernel, expected)
+
+
+def test_a_point_between_pixels_is_bilinear():
+    kernel = raster([[2.25, -1.5], [2.25, -1.5]])
+    np.testing.assert_allclose(kernel[7:9, 14:16], [[0.375, 0.125], [0.375, 0.125]], atol=ATOL)
+
+
+def test_a_straight_path_is_integrated_exactly():
+    # An inner pixel gets the integral of its tent, one share; the end pixels get half a share.
+    kernel = raster([[-4, 0], [4, 0]])
+    row = np.array([0.5, *[1.0] * 7, 0.5]) / 8
+    np.testing.assert_allclose(kernel[HALF_HEIGHT, HALF_WIDTH - 4 : HALF_WIDTH + 5], row, atol=ATOL)
+    # Shares of the corners along the diagonal of a cell: the integral of (1 - t)^2 is 1/3, of t (1 - t) 1/6.
+    np.testing.assert_allclose(raster([[0, 0], [1, 1]])[9:11, 12:14], [[1 / 3, 1 / 6], [1 / 6, 1 / 3]], atol=ATOL)
+
+
+def test_interpolated_kernels():
+    """They sum to 1, keep whole pixels, and transmit up to half the highest frequency."""
+    paths = np.array([[[2.0, -3.0]] * 2, [[0.5, 0.25]] * 2, [[-1.3, 0.5], [2.0, 1.0]]])
+    still, between, moving = kernels = interpolated(paths, 7, 7)
+    np.testing.assert_allclose(kernels.sum(axis=(1, 2)), 1, atol=1e-6)
+    np.testing.assert_allclose(still, np.eye(15)[4][:, None] * np.eye(15)[9], atol=1e-6)
+    waves = np.exp(-2j * np.pi * 0.25 * (np.arange(15) - 7))
+    assert abs(waves @ between @ waves) == pytest.approx(1, abs=0.03)
+    assert moving.max() < 0.5
+    assert np.isnan(interpolated(paths, 6, 7)).all()

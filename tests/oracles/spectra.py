@@ -1,0 +1,179 @@
+"""Readable NumPy oracles of kernels: spectra."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur.kernels.floors import TilePowers, _first_gains, _first_noises
+from rsdeblur.kernels.normal import TINY
+from rsdeblur.kernels.whittle import FAINTEST, LONGEST, SETTLED, STEPS, Tiles
+from rsdeblur.types import ComplexArray, Float32Array, FloatArray
+
+
+def fit_floors_numpy(
+    tiles: TilePowers, start: tuple[float, float], steps: int, weight: float
+) -> tuple[FloatArray, float]:
+    """Readable twin of :func:`fit_floors`."""
+    starts, sizes = tiles.cells[:-1], np.diff(tiles.cells)
+    gains, (squared, prior), bright = _first_gains(tiles), 2 * start[1:], tiles.brightness[:, None]
+    even, brighter = _first_noises(tiles, start[0])
+    octave = np.repeat(tiles.octaves, sizes)
+    members = np.equal.outer(octave, np.arange(len(even)))
+    for _ in range(steps):
+        scene, floor = tiles.blurred + squared * tiles.error, even[octave] + brighter[octave] * bright
+        known = 1 / (np.repeat(gains, sizes, axis=1) * scene + floor * tiles.noise)
+        surprise = tiles.measured * known**2
+        gains = gains * np.add.reduceat(surprise * scene, starts, 1) / np.add.reduceat(known * scene, starts, 1)
+        each = np.repeat(gains, sizes, axis=1)
+        known = 1 / (each * scene + floor * tiles.noise)
+        surprise = tiles.measured * known**2
+        ups, downs = surprise * tiles.noise @ members, known * tiles.noise @ members
+        even = even * ups.sum(axis=0) / downs.sum(axis=0)
+        brighter = brighter * (ups * bright).sum(axis=0) / (downs * bright).sum(axis=0)
+        up, down = weight * prior / squared**2, weight / squared
+        squared *= (up + (each * surprise * tiles.error).sum()) / (down + (each * known * tiles.error).sum())
+    return even + brighter * bright.mean(), float(squared)
+
+
+def add_normal_numpy(
+    spectra: NDArray[np.complex64],
+    otfs: NDArray[np.complex64],
+    share: float,
+    first: bool,
+    signal: NDArray[np.complex64],
+    power: NDArray[np.float32],
+) -> None:
+    """Readable twin of :func:`add_normal`."""
+    signal[...] = share * otfs.conj()[:, None] * spectra + (0 if first else signal)
+    power[...] = share * np.abs(otfs) ** 2 + (0 if first else power)
+
+
+def solve_normal_numpy(
+    signal: NDArray[np.complex64],
+    power: NDArray[np.float32],
+    across: NDArray[np.float32],
+    down: NDArray[np.float32],
+    nsr: float,
+    coupling: tuple[float, float, float],
+    pull: float,
+    scale: float,
+    spectra: NDArray[np.complex64],
+) -> None:
+    """Readable twin of :func:`solve_normal`."""
+    picture, gradient, bend = coupling
+    squared = across[:, None] + down
+    gains = scale / np.maximum(power + nsr + picture + gradient * squared + bend * squared**2, TINY)
+    spectra[...] = gains[:, None] * ((1 + nsr) * signal + pull * spectra)
+
+
+def rows_around_origin_numpy(grid: NDArray[np.floating], factor: float, rows: Float32Array) -> None:
+    """Readable twin of :func:`rows_around_origin`."""
+    padded = np.zeros(rows.shape)
+    padded[:, : grid.shape[1]] = grid * factor
+    rows[...] = np.roll(padded, -(grid.shape[1] // 2), axis=1)
+
+
+def columns_around_origin_numpy(spectrum: ComplexArray, gains: Float32Array, first: int, columns: ComplexArray) -> None:
+    """Readable twin of :func:`columns_around_origin`."""
+    part = (spectrum * gains)[:, first : first + len(columns)].T
+    columns[...] = 0
+    columns[: len(part), : part.shape[1]] = part
+    columns[...] = np.roll(columns, -(len(spectrum) // 2), axis=1)
+
+
+def lowest_frequencies_numpy(spectra: ComplexArray, gains: Float32Array, out: ComplexArray) -> None:
+    """Readable twin of :func:`lowest_frequencies`."""
+    length, half = len(gains), len(gains) // 2
+    out[:, : length - half], out[:, length - half :] = spectra[:, : length - half], spectra[:, -half:]
+    if length % 2 == 0:
+        out[:, half] = (spectra[:, -half] + spectra[:, half]) / 2
+    out *= gains
+
+
+def put_columns_numpy(columns: ComplexArray, block: int, band: int, out: ComplexArray) -> None:
+    """Readable twin of :func:`put_columns`."""
+    target = out[block:, band]
+    blocks = columns.reshape(-1, *target.shape[1:])[: len(target)]
+    target[: len(blocks)] = blocks
+
+
+def fit_gains_numpy(tiles: Tiles, levels: FloatArray, stiffness: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Readable twin of :func:`fit_gains`."""
+    power, noise, expected, place, sectors = tiles
+    of_direction = np.repeat(np.arange(len(sectors) - 1), np.diff(sectors))
+    fits = [
+        min(
+            (_fit_tile(each, level * white, expected[at], sectors, of_direction, stiffness, white), level)
+            for level in levels
+        )
+        for each, white, at in zip(*(a.astype(np.float64) for a in (power, noise)), place, strict=True)
+    ]
+    nats, gains = zip(*((nats, gains) for (nats, gains), _ in fits), strict=True)
+    return np.array(nats), np.array(gains), np.array([level for _, level in fits])
+
+
+def _fit_tile(
+    power: FloatArray,
+    floor: FloatArray,
+    expected: NDArray[np.float32],
+    sectors: NDArray[np.intp],
+    of_direction: NDArray[np.intp],
+    stiffness: float,
+    unit: FloatArray,
+) -> tuple[float, list[float]]:
+    """Return the nats and the gains of a tile under the noise `floor`."""
+    scene, excess, count = expected.sum(dtype=np.float64), (power - floor).sum(), len(sectors) - 1
+    faintest = np.log(FAINTEST * floor.sum() / scene)
+    mean = max(np.log(np.maximum(excess, FAINTEST * floor.sum()) / scene) - 1.0, faintest)
+    logs = np.full(count, mean)
+    for _ in range(STEPS):
+        signal = np.exp(logs)[of_direction] * expected
+        variance = signal + floor
+        share = signal / variance
+        surprise = share * (variance - 0.5 * power) / (variance + 0.5 * power)
+        slopes = stiffness * (logs - mean) + np.add.reduceat(surprise, sectors[:-1])
+        bends = stiffness + 1e-6 + np.add.reduceat(0.5 * share**2, sectors[:-1])
+        common = stiffness / count * (slopes / bends).sum() / max(1.0 - stiffness / count * (1 / bends).sum(), 1e-9)
+        moved = np.maximum(logs + (-(slopes + common) / bends).clip(-LONGEST, LONGEST), faintest)
+        longest, logs = np.abs(moved - logs).max(), moved
+        mean = logs.mean()
+        if longest < SETTLED:
+            break
+    variance = np.exp(logs)[of_direction] * expected + floor
+    nats = np.log(np.square(variance + 0.5 * power) / (variance * unit)).sum()
+    return float(nats + 0.5 * stiffness * np.square(logs - mean).sum()), np.exp(logs).tolist()
+
+
+def information_numpy(
+    tiles: Tiles,
+    slopes: NDArray[np.float32],
+    fitted: tuple[FloatArray, FloatArray],
+    stiffness: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Readable twin of :func:`information`."""
+    power, noise, expected, place, sectors = tiles
+    gains, levels = fitted
+    signal = np.repeat(gains, np.diff(sectors), axis=1) * expected[place]
+    variance = signal + levels[:, None] * noise
+    share = signal / variance
+    surprise = (variance - 0.5 * power) / (variance + 0.5 * power)
+    change = share * slopes[:, place]
+    gradient = np.einsum("nf,qnf->nq", surprise, change)
+    mixed = np.add.reduceat(0.5 * share * change, sectors[:-1], axis=2)
+    own = np.add.reduceat(0.5 * share**2, sectors[:-1], axis=1) + stiffness + 1e-6
+    count = len(sectors) - 1
+    fisher = 0.5 * np.einsum("pnf,qnf->npq", change, change)
+    for tile in range(len(power)):
+        of_gains = np.diag(own[tile]) - stiffness / count
+        fisher[tile] -= mixed[:, tile] @ np.linalg.solve(of_gains, mixed[:, tile].T)
+    return gradient, fisher
+
+
+def invert_numpy(
+    otfs: ComplexArray, nsr: np.float32, scale: np.float32, block: int, band: int, out: ComplexArray
+) -> None:
+    """Readable twin of :func:`invert`."""
+    target = out[block:, band]
+    columns = otfs.reshape(-1, *target.shape[1:])[: len(target)]
+    target[: len(columns)] = columns.conj() * (scale / (np.square(columns.real) + np.square(columns.imag) + nsr))

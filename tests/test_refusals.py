@@ -1,0 +1,246 @@
+"""Values that no picture, camera or solver can use: each is refused in one short message that names it.
+
+`test_public_door.py` holds what is of another type, `io/test_unreadable.py` what files contain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rsdeblur as rs
+from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, Options, PsfBank, Translation, deconv
+from rsdeblur.deconv import DerivativePrior, TileQuadratic
+from rsdeblur.deconv.burst import BurstQuadratic
+from rsdeblur.io.pictures import Picture
+from rsdeblur.motion import AccelerationLog, BlurPaths, Capture, Trajectory
+from rsdeblur.motion.alignment import burst_captures
+
+HEIGHT, WIDTH = SHAPE = 36, 48
+LOG, CAMERA, EXPOSURE = rs.hand_shake(0.2, strength=1.0, seed=3), Camera(WIDTH, HEIGHT, 60.0), Exposure(0.05, 0.025)
+IMAGE = np.random.default_rng(0).random((*SHAPE, 3), dtype=np.float32)
+GREY = IMAGE[..., 0].astype(np.float64)
+KERNEL, POINT = np.full((1, 5), 0.2), np.ones((1, 1))
+BANK = PsfBank.for_picture(KERNEL, SHAPE)
+CAPTURE = Capture.from_log(LOG, CAMERA, EXPOSURE)
+PATHS = BlurPaths.every_row(CAPTURE, [20.0])
+BLUR, WIENER = deconv.RowBlur(PATHS, WIDTH), rs.Deconvolver(BANK, SHAPE)
+T = np.linspace(0.0, 1.0, 11)
+STILL, NOWHERE = GyroLog(T, np.zeros((11, 3))), np.zeros((2, 3))
+POSES = np.tile([0.0, 0.0, 0.0, 1.0], (11, 1))
+SIGNALLING = [
+    np.full((9, 9), bits, f"u{size}").view(f"f{size}")
+    for size, bits in ((2, 0x7C01), (4, 0x7F800001), (8, 0x7FF0000000000001))
+]
+FISHEYE: dict[str, Any] = {"distortion_model": "fisheye", "distortion": (0.0,) * 4}
+# No message is longer.
+LONGEST = 400
+Call = Callable[[], Any]
+
+
+class Lazy:
+    """What Dask's arrays and xarray's arrays of them offer."""
+
+    def __dask_graph__(self) -> dict[str, int]:
+        return {"chunk": 1}
+
+
+def deblur(image: Any = IMAGE, camera: Any = CAMERA, **options: Any) -> Call:
+    return lambda: rs.deblur(image, LOG, camera, EXPOSURE, **options)
+
+
+def camera(**changes: Any) -> Call:
+    return lambda: Camera(**({"width": 64, "height": 48, "focal_length": 80.0} | changes))
+
+
+def log(t: Any, omega: Any, epoch: Any = 0) -> Call:
+    return lambda: GyroLog(t, omega, epoch)
+
+
+def spoilt(value: float) -> np.ndarray[Any, Any]:
+    """Return a picture with one wrong pixel."""
+    image = GREY.copy()
+    image[7, 9] = value
+    return image
+
+
+def longest(reach: float) -> BlurPaths:
+    return BlurPaths(np.array([[0.0, 0.0], [reach, reach]]) * np.ones((HEIGHT, 1, 1, 1)), np.arange(HEIGHT), [20.0])
+
+
+def turning(rate: float) -> GyroLog:
+    return GyroLog(np.arange(200) * 0.005, np.full((200, 3), [0.0, rate, 0.0]))
+
+
+def impulses(step: float, side: int) -> PsfBank:
+    kernels, centres = np.zeros((1, 1, 3, 3), np.float32), np.arange(4.0, side, step)
+    kernels[..., 1, 1] = 1
+    return PsfBank(np.broadcast_to(kernels, (len(centres), len(centres), 3, 3)), centres, centres)
+
+
+# Options that contradict each other, or are out of range.
+OPTIONS: list[tuple[dict[str, Any], str]] = [
+    *(({"border": "unknown", name: value}, f"the {name} {value}") for name, value in (
+        ("mode", "rowwise"), ("prior", "wiener"), ("quality", "best"))),
+    ({"fallback": True, "geometry": "rectify"}, "shape"),
+    *(({"max_memory": 2**30, name: value}, f"{name}.* the whole picture") for name, value in (
+        ("normalize", True), ("border", "unknown"), ("geometry", "rectify"))),
+    *(({"normalize": "yes"}, "normalize"), ({"max_memory": 0.5}, "max_memory"), ({"softness": 1.5}, "softness")),
+    *(({"exponent": 0}, "exponent"), ({"prior": "tv", "exponent": 0.5}, "exponent")),
+    *(({"quality": "fast", "weight": 0.1}, "weight"), ({"chroma": "half", "prior": "wavelet"}, "half colours")),
+    ({"chroma": "half", "border": "unknown"}, "half colours"),
+    *(({name: value}, f"^{name} must be") for name in ("nsr", "weight") for value in (
+        0.0, 1e-21, 1e21, math.inf, math.nan)),
+    *(({"noise": value}, "^noise must be") for value in (-1e-9, 2e12, math.nan)),
+    *(({"transfer": value}, "^transfer must be") for value in (0.0, 0.09, 11.0, -2.2, math.nan, "sRGB")),
+]  # fmt: skip
+PICTURES: list[tuple[str, Call]] = [
+    *((f"^{name} must be at most", deblur(**{name: value})) for name, value in (
+        ("bands", HEIGHT + 1), ("bands", 10**5000), ("strips", WIDTH + 1), ("threads", 10**6))),
+    ("^strips must be at most", deblur(strips=10**6, mode="rowwise")),
+    *(("^image must", deblur(spoilt(value), **options)) for value in (-2e12, 1e300, math.nan, math.inf) for options in (
+        {}, {"weight": 0.01}, {"prior": "wiener", "nsr": 0.01}, {"mode": "rowwise"})),
+    ("turned by a quarter", deblur(GREY.T)),
+    (r"--size 24x18 .*camera.resized\(24, 18\)", deblur(GREY[::2, ::2])),
+    ("camera.cropped", deblur(GREY[:30, :30])),
+    ("C from 1 to 4", deblur(np.zeros((*SHAPE, 5)))),
+    ("image must have shape", deblur(np.zeros(7))),
+    *(("image must be .*" + str(np.dtype(kind)), deblur(GREY.astype(kind))) for kind in (np.int32, complex)),
+    ("most of them beyond 1", deblur(IMAGE * np.float32(65535), out=np.empty_like(IMAGE, dtype=np.uint8))),
+    (r"lazy .*compute\(\).*mmap_mode", deblur(Lazy())),
+    *(("rsdeblur.read_picture", deblur(path)) for path in ("photo.png", Path("photo.png"))),
+    ("pass its .pixels", deblur(Picture(np.zeros(SHAPE, np.uint8)))),
+    ("pass its .pixels", lambda: WIENER.apply(Picture(np.zeros(SHAPE, np.uint8)))),
+    ("sharp must be .* int64", lambda: rs.simulate(IMAGE.astype(np.int64), LOG, CAMERA, EXPOSURE)),
+    ("values must be floats, got uint8", lambda: rs.to_linear(np.zeros((4, 4), np.uint8), "srgb")),
+    ("log must be .*rsdeblur.read_gyro", lambda: rs.psfs(Path("gyro.csv"), CAMERA, EXPOSURE)),
+    ("camera must be .*'phone.toml'.*rsdeblur.read_camera", lambda: rs.psfs(LOG, "phone.toml", EXPOSURE)),
+]  # fmt: skip
+SOLVERS: list[tuple[str, Call]] = [
+    *((words, partial(rs.deconvolve, GREY, psf)) for words, psf in (
+        ("odd sizes", KERNEL[:, :4]), ("sum to 1", 2 * KERNEL), ("larger than", np.full((201, 201), 201.0**-2)),
+        ("rows of the PSFs .*500", PsfBank(KERNEL, [500.0], [10.0])), ("kernels must be", "kernel.png"))),
+    # Signalling NaNs warn where they are converted.
+    *(("image must be finite", partial(rs.deconvolve, signalling, KERNEL)) for signalling in SIGNALLING),
+    *(("psf.*must be finite", partial(rs.deconvolve, GREY, signalling)) for signalling in SIGNALLING),
+    ("noise must be", lambda: rs.deconvolve(GREY, KERNEL, noise=-1.0)),
+    *((name, partial(rs.deconvolve, GREY, KERNEL, **{name: None})) for name in ("mode", "bands", "refine")),
+    ("a pixel or more apart", lambda: rs.Deconvolver(impulses(0.2, 5), SHAPE)),
+    ("planned shape", lambda: WIENER.apply(GREY[:-1])),
+    *(("linear light|real numbers", partial(WIENER.apply, image)) for image in (
+        GREY.astype(np.uint8), GREY.astype(int).tolist(), GREY > 0.5, GREY.astype(complex))),
+    ("out must be", lambda: WIENER.apply(IMAGE[..., 0], out=np.empty(SHAPE))),
+    ("writable", lambda: WIENER.apply(IMAGE[..., 0], out=np.broadcast_to(np.float32(0), SHAPE))),
+    ("at most 1 x 5 px, got 1 x 7", lambda: WIENER.replan(PsfBank.for_picture(np.full((1, 7), 1 / 7), SHAPE))),
+    ("elsewhere", lambda: WIENER.replan(PsfBank.for_picture(np.full((2, 1, 1, 5), 0.2), SHAPE))),
+    *((words, partial(DerivativePrior, *given)) for words, given in (
+        ("kind must be", ("lasso", 0.1)), ("weight must be", ("tv", 0.0)), ("exponent must", ("tv", 1, 2)))),
+    ("nsr must be", lambda: TileQuadratic(BANK, SHAPE, nsr=-1.0)),
+    ("holds no picture", lambda: TileQuadratic(BANK, SHAPE).solve(1.0)),
+    *((words, partial(TileQuadratic(BANK, SHAPE).apply, image, prior=DerivativePrior("tv", 0.01))) for words, image in (
+        ("planned shape", GREY[1:]), ("finite", spoilt(math.inf)), ("linear light", GREY.astype(np.uint8)))),
+    ("sum to 1", lambda: BurstQuadratic([BANK, BANK], [0.5, 0.6], SHAPE)),
+    ("share for each", lambda: BurstQuadratic([BANK], [0.5, 0.5], SHAPE)),
+    ("same places", lambda: BurstQuadratic([BANK, impulses(9, 36)], [0.5, 0.5], SHAPE)),
+    ("planned for 1", lambda: BurstQuadratic([BANK], [1.0], SHAPE).apply([GREY, GREY])),
+    ("picture must not have values beyond", lambda: BLUR.adjoint(np.full(SHAPE, 1e300))),
+    ("latent must be finite", lambda: BLUR.forward(np.full(BLUR.latent_shape, np.nan))),
+    ("at most 2000000000 values", lambda: deconv.RowBlur(PATHS, 10**9)),
+    ("1000009x1000009 px would take", lambda: deconv.RowBlur(longest(1e6), WIDTH)),
+    ("filters of 12100 tiles .* GiB", lambda: rs.Deconvolver(impulses(10, 1100), (1100, 1100), nsr=1e-6)),
+]  # fmt: skip
+KERNELS: list[tuple[str, Call]] = [
+    *((words, partial(PsfBank.for_picture, kernels, SHAPE)) for words, kernels in (
+        ("odd sizes, .* 2x3", np.ones((2, 3)) / 6), ("kernels must be finite", np.full((3, 3), math.nan)),
+        ("sum of 1.008", np.stack([np.full((3, 3), 1 / 9), np.full((3, 3), 0.112)])), ("must have shape", np.ones(1)),
+        (r"\(3, 0, 3\)", np.ones((3, 0, 3))), ("kernels must not be beyond", [[1e300]]))),
+    ("rows must have shape", lambda: PsfBank(np.ones((3, 2, 1, 1)), [0, 1], [0, 1])),
+    ("cols must increase", lambda: PsfBank(np.ones((3, 2, 1, 1)), [0, 1, 2], [1, 1])),
+    *((words, partial(PsfBank, np.ones((3, 3)) / 9, [4.0], [5.0], displacements)) for words, displacements in (
+        ("displacements must have shape", np.zeros((1, 1, 2))), ("T >= 2", np.zeros((1, 1, 1, 2))),
+        ("displacements must be finite", np.full((1, 1, 2, 2), math.nan)),
+        ("within the kernels", np.array([[[[0.0, 0.0], [0.0, 1.2]]]])))),
+    ("softness", lambda: PsfBank(KERNEL, [4.0], [5.0], softness=0.6)),
+    ("1000001x1000001 px would take", lambda: BANK.padded((1_000_001, 1_000_001))),
+    ("36 x 1 PSFs of 2000003x2000003 px would take", lambda: PsfBank.from_paths(longest(1e6))),
+    ("paths reach 1e.300 px", lambda: longest(1e300)),
+    ("cols must be finite", lambda: BlurPaths(PATHS.displacements, PATHS.rows, [np.nan])),
+    ("not finite", lambda: BlurPaths(np.full((1, 1, 2, 2), np.nan), [0.0], [0.0])),
+    ("y must be a number", lambda: BANK.at("top", 0)),
+    ("bands times strips", lambda: rs.psfs(LOG, Camera(4000, 3000, 3e3), EXPOSURE, bands=2000, strips=200)),
+    ("points, more than", lambda: rs.psfs(turning(-8.0), Camera(4000, 3000, 3e3), EXPOSURE, bands=3000, strips=5)),
+    ("blur reaches|motion leads", lambda: rs.psfs(turning(np.pi), CAMERA, Exposure(0.0, 0.9))),
+    ("gyro samples, more than", lambda: rs.psfs(
+        GyroLog(np.arange(12_000) * 0.005, np.zeros((12_000, 3))), CAMERA, Exposure(1.0, 55.0))),
+]  # fmt: skip
+CAMERAS: list[tuple[str, Call]] = [
+    *((name, camera(**{name: value})) for name, value in (
+        ("width", 0), ("height", 48.0), ("focal_length", (80.0, -80.0)), ("focal_length", 1e-300),
+        ("principal_point", (1.0,)), ("readout_time", -0.01), ("readout_direction", "down"), ("time_offset", math.inf),
+        ("imu_to_camera", np.eye(2)), ("imu_to_camera", 2 * np.eye(3)))),
+    *((r"determinant -1.* mirrors .* turn the sign", camera(imu_to_camera=mirror)) for mirror in (
+        np.diag([1, 1, -1]), -np.eye(3), np.eye(3)[[1, 0, 2]])),
+    *(("does not fit .* 48x36", partial(CAMERA.cropped, *box)) for box in ((20, 0, 29, 9), (0, 30, 10, 7))),
+    *(("folds the picture", camera(focal_length=40.0, distortion_model=model, distortion=k)) for model, k in (
+        ("radtan", (-1.5, 0.0, 0.0, 0.0)), ("fisheye", (-0.9, 0.0, 0.0, 0.0)))),
+    *((f"coefficients, got {n}", camera(distortion_model=model, distortion=(0.1,) * n)) for model, n in (
+        ("radtan", 1), ("fisheye", 5), ("none", 1))),
+    ("beyond 180 degrees", camera(focal_length=2.0, **FISHEYE)),
+    ("roll must be finite", lambda: rs.Correction(roll=np.inf)),
+    ("sd must be at least 0", lambda: rs.calibration.Estimate(1.0, -1.0, "s")),
+    ("drop must be", lambda: rs.triage(LOG, CAMERA, [], keep=3.0, drop=2.0)),
+    ("180 degrees", lambda: burst_captures(
+        LOG, Camera(WIDTH, HEIGHT, 15.0, **FISHEYE), [EXPOSURE], Translation([0.0, 0.5], NOWHERE, 1.0))),
+    ("at most 100000000 pixels", lambda: rs.scene(10**6, 10**6)),
+    ("at most 2000000 samples", lambda: rs.hand_shake(1e9)),
+    ("10000000 warps", lambda: rs.simulate(IMAGE, LOG, CAMERA, EXPOSURE, samples=10**7)),
+    ("too long to be simulated", lambda: rs.simulate(
+        IMAGE, GyroLog(np.arange(120.0), np.zeros((120, 3))), CAMERA, Exposure(1.0, 110.0))),
+]  # fmt: skip
+LOGS: list[tuple[str, Call]] = [
+    ("omega must have shape", log([0, 1, 2], np.zeros((3, 2)))),
+    ("same length", log([0, 1], np.zeros((3, 3)))),
+    ("at least 2", log([0], np.zeros((1, 3)))),
+    ("t must be finite", log([0, math.nan, 2], np.zeros((3, 3)))),
+    (r"omega must be finite, got inf at index \(1, 1\)", log([0, 1], [[0, 0, 0], [0, math.inf, 0]])),
+    ("sample 2 .*duplicate", log([0, 1, 1, 2], np.zeros((4, 3)))),
+    ("sample 2 .*out of order", log([0, 1, 0.5, 2], np.zeros((4, 3)))),
+    *(("epoch_ns", log([0, 1], NOWHERE, epoch)) for epoch in (1.7e18, "0", True, -(2**63) - 1, 2**63, 10**400)),
+    *((words, partial(STILL.trimmed, *times)) for words, times in (
+        ("t1 must", (0.2, 0.1)), ("t0 must", (math.nan, 0.1)), ("spans 0.0 s to 1.0 s", (2.0, 3.0)))),
+    ("makes sample times equal", lambda: STILL.shifted(1e20)),
+    ("b must have shape", lambda: STILL.minus_bias(0.1)),
+    ("t1 must be at most", lambda: LOG.covering(0.0, 1e300, 0)),
+    (r"force must be in m/s\^2", lambda: AccelerationLog([0.0, 1.0], [[0, 0, 0], [1e13, 0, 0]])),
+    ("t must increase", lambda: AccelerationLog([0.0, 0.0], np.ones((2, 3)))),
+    *(("depth", partial(Translation, [0, 1], NOWHERE, depth)) for depth in (
+        0.0, [[1.0, -1.0]], [1.0, 2.0], [[1.0], [1.0, 2.0]], [[np.nan]], np.zeros((0, 3)))),
+    ("same length", lambda: Translation([0, 1, 2], NOWHERE, 1.0)),
+    ("increase", lambda: Translation([1, 0], NOWHERE, 1.0)),
+    ("one depth", lambda: rs.simulate(
+        IMAGE, LOG, CAMERA, EXPOSURE, translation=Translation([0, 1], NOWHERE, np.ones((2, 2))))),
+    ("translation track", lambda: Capture.from_log(LOG, CAMERA, EXPOSURE, Translation([0.06, 0.2], NOWHERE, 1.0))),
+    ("px must", lambda: Translation.drift((3, -2, 1), CAMERA, EXPOSURE)),
+    ("acceleration must", lambda: Translation.drift((3, -2), CAMERA, EXPOSURE, acceleration=(0, np.inf))),
+    ("quaternion 3 .*norm 2", lambda: Trajectory(T, np.zeros((11, 3)), POSES * (1 + (T[3] == T))[:, None])),
+    ("t must increase", lambda: Trajectory(T[::-1], np.zeros((11, 3)), None)),
+    *((words, partial(Trajectory(T, np.zeros((11, 3)), POSES).translation, *given)) for words, given in (
+        ("translation track spans", (Exposure(0.9, 0.2), CAMERA, 1.0)), ("depth", (EXPOSURE, CAMERA, 0.0)))),
+    ("'opengl'", lambda: Trajectory(T, np.zeros((11, 3)), POSES).translation(EXPOSURE, CAMERA, 1.0, axes="opengl")),
+]  # fmt: skip
+REFUSED = [*((words, partial(Options, **given)) for given, words in OPTIONS), *PICTURES, *SOLVERS, *KERNELS]
+REFUSED += [*CAMERAS, *LOGS]
+
+
+@pytest.mark.filterwarnings("ignore:gyro rates look like degrees", "ignore:a focal length of")
+@pytest.mark.parametrize(("words", "call"), REFUSED, ids=[f"{n} {words[:40]}" for n, (words, _) in enumerate(REFUSED)])
+def test_values_out_of_range_are_refused_by_name(words: str, call: Call) -> None:
+    with pytest.raises((InputError, CoverageError), match=words) as refusal:
+        call()
+    assert len(str(refusal.value)) < LONGEST
