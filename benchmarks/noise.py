@@ -21,7 +21,8 @@ if __name__ == "__main__":
         white, little = (noisy(clean, decibels).pictures.blurred for decibels in (40, 50))
         lights = white, little, jpeg(white), from_phone(clean, n).pictures.blurred
         bank = few_psfs(Capture.from_log(*clean.recording), threads=None)
-        shares.append([measure_floors(light, bank.without_softness()).processed for light in lights])
+        floors = [measure_floors(light, bank.without_softness()) for light in lights]
+        shares.append([0.0 if each is None else each.processed for each in floors])
     names = "white noise, 40 dB", "white noise, 50 dB", "40 dB as JPEG", "as by a phone"
     rows = [
         (name, f"{column.mean():.2f}", f"{column.min():.2f}", f"{column.max():.2f}")

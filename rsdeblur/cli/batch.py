@@ -100,6 +100,20 @@ def command(
     target: Target,
 ) -> None:
     """Deblur many photos."""
+    run(sources, recording, options, refine, target, jobs=jobs, scheduler=scheduler)
+
+
+def run(
+    sources: tuple[Path, ...],
+    recording: Recording,
+    options: Options,
+    refine: bool | None,
+    target: Target,
+    *,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+) -> None:
+    """Deblur the photos of a manifest or of a folder, or several, and write and print their table."""
     options = _options.with_refinement(options, refine)
     items = read_items(sources, recording, target.output)
     if not items:

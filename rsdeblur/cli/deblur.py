@@ -1,4 +1,4 @@
-"""`rsdeblur deblur`: deblur one picture."""
+"""`rsdeblur deblur`: deblur one picture; several are a batch."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import click
 
 from rsdeblur.choices import SHARP
-from rsdeblur.cli import _options
+from rsdeblur.cli import _options, batch
 from rsdeblur.cli._items import result_name
-from rsdeblur.cli._options import RECORDING, Command, Recording, Target, option
+from rsdeblur.cli._options import RECORDING, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import progress, refuse_inputs
 from rsdeblur.cli._photo import PhotoJob, check_sources, deblur_photo, remarks, summary
 from rsdeblur.cli._types import PATH
@@ -21,43 +21,51 @@ Examples:
   rsdeblur deblur photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o sharp.jpg
   rsdeblur deblur photo.png --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 -o sharp.png
   rsdeblur deblur photo.tif --gyro log.gcsv --camera cam.toml --start 3 --duration 50ms --geometry rectify -o o.tif
-  rsdeblur deblur photo.jpg --gyro Gyroscope.csv --camera phone.toml --start exif
+  rsdeblur deblur a.jpg b.jpg --gyro Gyroscope.csv --camera phone.toml --start exif -o sharp
   rsdeblur deblur photo.png --psf kernel.png -o sharp.png
 """
 
 
-def _sharp(photo: Path, **_: Any) -> Path:
-    name = result_name(photo)
+def _sharp(photos: tuple[Path, ...], **_: Any) -> Path:
+    if len(photos) > 1:
+        return _options.beside(photos[0].parent, SHARP)
+    name = result_name(photos[0])
     return name.with_name(f"{name.stem}{SHARP}{name.suffix}")
 
 
 @click.command("deblur", cls=Command, epilog=EXAMPLES)
-@click.argument("photo", type=PATH)
+@click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
 @option(
     "--psf", section=RECORDING, type=PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank."
 )
-@_options.recording_options(*_options.ONE_PHOTO, required=())
+@_options.recording_options(*_options.ONE_PHOTO, "numbered_from", required=())
 @_options.solve_options(*(name for name in _options.SOLVE if name != "refine"))
 @_options.refine_option
 @_options.target_options(
     "OUT|DIR",
-    "Picture to write, or its folder.  [default: PHOTO-sharp beside the photo]",
+    "Picture to write, or its folder.  [default: PHOTO-sharp beside the photo; of several, their folder's name-sharp]",
     default=_sharp,
     dry_run=True,
 )
 def command(
-    photo: Path,
+    photos: tuple[Path, ...],
     psf: Path | None,
     recording: Recording,
     options: Options,
     refine: bool | None,
     target: Target,
 ) -> None:
-    """Deblur PHOTO. Metadata, colour profile and bit depth are kept.
+    """Deblur each PHOTO. Metadata, colour profile and bit depth are kept.
 
-    The blur follows from a gyro log, a camera and an exposure, or is given as a kernel: --psf. For several photos use
-    `rsdeblur batch`.
+    The blur follows from a gyro log, a camera and an exposure, or is given as a kernel: --psf. Several photos share the
+    log and the camera, and are handled as by `rsdeblur batch`.
     """
+    if len(photos) > 1:
+        if psf is not None:
+            raise click.UsageError("--psf is for one photo; give one at a time")
+        return batch.run(photos, recording, options, refine, target)
+    refuse_given("is for several photos", numbered_from=recording.numbered_from)
+    (photo,) = photos
     check_sources(click.get_current_context(), recording, psf)
     if psf is None:
         options = _options.with_refinement(options, refine)
