@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import secrets
@@ -92,7 +93,12 @@ def reserve(file: BinaryIO) -> None:
     """
     file.flush()
     if hasattr(os, "posix_fallocate"):  # not on macOS and Windows
-        os.posix_fallocate(file.fileno(), 0, os.fstat(file.fileno()).st_size)
+        try:
+            os.posix_fallocate(file.fileno(), 0, os.fstat(file.fileno()).st_size)
+        except OSError as error:
+            # Some file systems cannot reserve space.
+            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
+                raise
 
 
 def remove_unfinished(path: str | os.PathLike[str]) -> None:

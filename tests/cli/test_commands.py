@@ -238,27 +238,28 @@ def test_sync_writes_only_into_files_that_have_a_place_for_it(run, files, tmp_pa
     assert str(foreign) in result.stderr
 
 
-def test_several_photos(run: Run, files: Files, tmp_path: Path, here: None) -> None:
+@pytest.mark.parametrize("command", ["deblur", "batch"])
+def test_several_photos(run: Run, files: Files, tmp_path: Path, here: None, command: str) -> None:
     names = [tmp_path / name for name in ("frame_0.png", "frame_1.png", "frame_2.png")]
     for name in names:
         name.write_bytes(files.photo.read_bytes())
     capture = ["--capture", files.captures, "--quality", "fast"]
     # The log does not cover the last frame.
-    result = run("batch", *names, *files.sources, *capture, "-o", tmp_path / "sharp", "--json")
+    result = run(command, *names, *files.sources, *capture, "-o", tmp_path / "sharp", "--json")
     assert result.exit_code == 3
     entries = json.loads(result.stdout)["items"]
     assert [("error" in entry) for entry in entries] == [False, False, True]
     assert sorted(path.name for path in (tmp_path / "sharp").glob("*.png")) == ["frame_0.png", "frame_1.png"]
 
     # Names that leave the number of the first frame open.
-    call = ["batch", *names[1:], *files.sources, *capture, "-o", tmp_path / "later"]
+    call = [command, *names[1:], *files.sources, *capture, "-o", tmp_path / "later"]
     assert "give --numbered-from 0 or 1" in run(*call).stderr
     assert run(*call, "--numbered-from", "1").exit_code == 0
     first, later = (read_picture(tmp_path / name).pixels for name in ("sharp/frame_0.png", "later/frame_1.png"))
     np.testing.assert_array_equal(later, first)
-    result = run("batch", *names, *files.sources, "-o", tmp_path / "none")
+    result = run(command, *names, *files.sources, "-o", tmp_path / "none")
     assert (result.exit_code, "3 photos, but no exposure is given" in result.stderr) == (2, True)
-    assert "--start is one moment" in run("batch", *names, *files.recording, "-o", tmp_path / "none").stderr
+    assert "--start is one moment" in run(command, *names, *files.recording, "-o", tmp_path / "none").stderr
 
 
 def test_where_the_result_of_a_photo_goes(run: Run, files: Files, tmp_path: Path) -> None:
