@@ -30,13 +30,14 @@ from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.regions import with_factors
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.motion.axes import rotations
+from rsdeblur.motion.camera import UNKNOWN_READOUT
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation import Simulation
 
 PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim19", "kodim20", "kodim23")
-KINDS = ("none", "offset", "readout", "scale", "bias", "drift", "all", "axes", "depths")
+KINDS = ("none", "offset", "readout", "scale", "bias", "drift", "all", "axes", "depths", "unknown")
 # Those of a whole recording: drifts differ from photo to photo.
-SHARED_KINDS = ("none", "offset", "readout", "scale", "all", "axes")
+SHARED_KINDS = ("none", "offset", "readout", "scale", "all", "axes", "unknown")
 # Mean length of the paths that are used, px.
 LENGTHS = 4.0, 35.0
 # Softness of the pictures that are aligned, px, and the steps that this takes.
@@ -264,8 +265,8 @@ def psnr(case: Case, recording: Recording) -> float:
 def given_wrongly(photos: Sequence[Case], kind: str, random: np.random.Generator) -> list[Recording]:
     """Return the recordings of photos with one error; several photos have no drift in common."""
     first = photos[0].true
-    if kind == "axes":
-        camera = mounted(random, first).camera
+    if kind in ("axes", "unknown"):
+        camera = mounted(random, first).camera if kind == "axes" else replace(first.camera, **UNKNOWN_READOUT)
         return [replace(photo.true, camera=camera) for photo in photos]
     wrong = error(kind, random, first)
     if len(photos) > 1:

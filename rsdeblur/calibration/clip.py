@@ -328,6 +328,7 @@ class _Clip:
             camera,
             focal_length=(fx, fy),
             readout_time=readout.value,
+            readout_sd=0.0,
             readout_direction=direction,
             time_offset=offset,
         )

@@ -159,7 +159,8 @@ class _Photos:
     def __init__(self, lights: list[NDArray[np.float32]], recordings: list[Recording], progress: Progress) -> None:
         self._lights, self._recordings, self._progress = lights, recordings, progress
         self._start = recordings[0].camera
-        self._deviations = START.deviations(replace(self._start, readout_time=READOUTS[-1]), recordings[0].exposure)
+        slowest = replace(self._start, readout_time=READOUTS[-1], readout_sd=0.0)
+        self._deviations = START.deviations(slowest, recordings[0].exposure)
         self._scores: dict[bool, Score] = {}
 
     def _score(self, camera: Camera) -> Score:
@@ -331,7 +332,7 @@ def _direction(leads: FloatArray, known: int) -> tuple[int, bool]:
 def _read_in(camera: Camera, readout_time: float) -> Camera:
     """Return a camera with another readout time; the middle row keeps its time on the log's clock."""
     later = camera.delayed(_middle(camera) * (readout_time - camera.readout_time))
-    return replace(later, readout_time=readout_time)
+    return replace(later, readout_time=readout_time, readout_sd=0.0)
 
 
 def _middle(camera: Camera) -> float:
@@ -345,4 +346,4 @@ def _without(camera: Camera, name: str, start: Camera) -> Camera:
         return replace(camera, focal_length=start.focal_length)
     if name == "offset":
         return replace(camera, time_offset=start.time_offset)
-    return _read_in(camera, start.readout_time) if name else camera
+    return replace(_read_in(camera, start.readout_time), readout_sd=start.readout_sd) if name else camera

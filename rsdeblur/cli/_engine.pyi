@@ -88,6 +88,7 @@ from rsdeblur.io.source import mistaken as mistaken
 from rsdeblur.motion.acceleration import AccelerationLog as AccelerationLog
 from rsdeblur.motion.axes import PRESETS as PRESETS
 from rsdeblur.motion.axes import imu_to_camera as imu_to_camera
+from rsdeblur.motion.camera import UNKNOWN_READOUT as UNKNOWN_READOUT
 from rsdeblur.motion.camera import Camera as Camera
 from rsdeblur.motion.exposure import Exposure as Exposure
 from rsdeblur.motion.gyro import GyroLog as GyroLog

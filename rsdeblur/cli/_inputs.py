@@ -119,10 +119,12 @@ def read_recording(recording: Recording, photo: Path | None = None) -> tuple[rs.
             raise _usage("--start exif needs a photo")
         with naming(photo, recording):
             exposure = replace(exposure, epoch_ns=rs.on_clock_of(rs.capture_time(exif), log))
+    sd = f" ± {1e3 * camera.readout_sd:.2g}" if camera.readout_sd else ""
+    readout = f"readout {1e3 * camera.readout_time:.3g}{sd} ms {camera.readout_direction}"
     say_detail(
         f"exposure: {exposure.epoch_ns} ns + {exposure.start:.6f} s, {1e3 * exposure.duration:.3g} ms; camera: "
-        f"{camera.width}x{camera.height}, {camera.focal_length[0]:.1f} px, readout {1e3 * camera.readout_time:.3g} ms "
-        f"{camera.readout_direction}, time offset {1e3 * camera.time_offset:.1f} ms"
+        f"{camera.width}x{camera.height}, {camera.focal_length[0]:.1f} px, {readout}, time offset "
+        f"{1e3 * camera.time_offset:.1f} ms"
     )
     return log, camera, exposure
 

@@ -57,11 +57,8 @@ settings = _options.together(
 )
 
 
-# Assumptions of `camera new`, by the key whose option replaces them.
-UNSTATED = {
-    "readout_time": "a global shutter is assumed, but the shutter of nearly every phone rolls: give --readout-time",
-    "imu_to_camera": "the axes of the camera are assumed for the gyro, but those of phones differ: give --imu",
-}
+# Assumption of `camera new` without --imu.
+UNSTATED_AXES = "the axes of the camera are assumed for the gyro, but those of phones differ: give --imu"
 
 
 def pixels_of_focal35(focal35: float, size: tuple[int, int]) -> float:
@@ -106,8 +103,10 @@ def new(
     length: Any = focal_length[0] if focal_length and len(focal_length) == 1 else focal_length
     if focal35 is not None:
         length = pixels_of_focal35(focal35, size)
-    camera = rs.Camera(width, height, length, **{key: value for key, value in values.items() if value is not None})
-    assumptions = tuple(rs.Assumption(key, text) for key, text in UNSTATED.items() if values[key] is None)
+    unknown = rs.UNKNOWN_READOUT if values["readout_time"] is None else {}
+    given = {key: value for key, value in values.items() if value is not None}
+    assumptions = () if "imu_to_camera" in given else (rs.Assumption("imu_to_camera", UNSTATED_AXES),)
+    camera = rs.Camera(width, height, length, **(unknown | given))
     _write(rs.CameraFile(camera, "toml", assumptions=assumptions), target)
 
 

@@ -160,8 +160,7 @@ def _command(kind: str, folder: Path) -> list[str]:
         return ["video", str(folder / MOVIE), *sources, "-o", f"{folder}-sharp.mp4"]
     if kind == "stock-camera":
         photo, log = (str(folder / name) for name in (session.photos[0], UNIX_LOG))
-        readout = f"{1e3 * session.readout:g}ms"
-        return ["deblur", photo, "--gyro", log, "--camera", photo, "--readout-time", readout, "--start", "exif"]
+        return ["deblur", photo, "--gyro", log, "--camera", photo, "--start", "exif"]
     sources = ["--gyro", str(folder / CAPTURE_LOG), "--camera", str(folder / CAMERA)]
     moment = ["--start", str(session.start), "--duration", str(float(session.duration))]
     return ["deblur", str(folder / "blurred.png"), *sources, *moment, "-o", str(folder / "again.png")]

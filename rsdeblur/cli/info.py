@@ -209,6 +209,7 @@ def camera_facts(file: rs.CameraFile) -> dict[str, Any]:
         "distortion_model": camera.distortion_model,
         "distortion": list(camera.distortion),
         "readout_time_s": camera.readout_time,
+        "readout_sd_s": camera.readout_sd,
         "readout_direction": camera.readout_direction,
         "imu_to_camera": camera.imu_to_camera.tolist(),
         "imu_axes": _preset_of(camera),

@@ -100,7 +100,7 @@ class Uncertainty:
     offset : float, default 0.005
         Error of the time offset, s.
     readout : float, default 0.15
-        Relative error of the readout time.
+        Relative error of the readout time, where the camera has no `readout_sd`.
     roll : float, default 0.02
         Bias of the gyroscope about the optical axis, rad/s.
     acceleration : float, default 0.1
@@ -152,6 +152,8 @@ class Uncertainty:
         longer = max(camera.width, camera.height)
         drift, acceleration = self.drift * longer, self.acceleration * longer
         readout = self.readout if camera.readout_time > 0 else 0.0
+        if readout > 0 and camera.readout_sd > 0:
+            readout = camera.readout_sd / camera.readout_time
         if acceleration * exposure.duration**2 / 8 < LEAST_BEND:
             acceleration = 0.0
         numbers = self.scale, drift, drift, self.offset, readout, self.roll, acceleration, acceleration

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from rsdeblur._util import validate
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.io.source import Source
-from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.camera import UNKNOWN_READOUT, Camera
 from rsdeblur.motion.plausible import doubts
 
 
@@ -65,13 +65,22 @@ class CameraFile:
         None keeps a key.
         """
         overrides = {key: value for key, value in overrides.items() if value is not None}
+        if "readout_time" in overrides:
+            overrides["readout_sd"] = 0.0
         assumptions = tuple(assumption for assumption in self.assumptions if assumption.about not in overrides)
         return replace(self, camera=replace(self.camera, **overrides), assumptions=assumptions)
 
     @property
     def remarks(self) -> list[str]:
         """Texts of the assumptions, and sentences about values that are probably mistakes."""
-        return [assumption.text for assumption in self.assumptions] + doubts(self.camera)
+        assumed = [assumption.text for assumption in self.assumptions]
+        if self.camera.readout_sd > 0:
+            ms, sd = 1e3 * self.camera.readout_time, 1e3 * self.camera.readout_sd
+            assumed.append(
+                f"the readout time is unknown: {ms:.3g} ± {sd:.2g} ms is assumed, which a refinement corrects by the "
+                "picture; give it if you know it, and 0 for a global shutter"
+            )
+        return assumed + doubts(self.camera)
 
     def warn(self, path: object, *, stacklevel: int = 2) -> Camera:
         """Return the camera, and warn of each remark."""
@@ -96,13 +105,15 @@ class CameraFile:
         scale = width / camera.width
         (fx, fy), (cx, cy) = camera.focal_length, camera.principal_point
         whole = camera.height * scale
+        cut_off = 1.0 if camera.horizontal_readout else height / whole
         cut = replace(
             camera,
             width=width,
             height=height,
             focal_length=(fx * scale, fy * scale),
             principal_point=((cx + 0.5) * scale - 0.5, (cy + 0.5) * scale - 0.5 + (height - whole) / 2),
-            readout_time=camera.readout_time * (1.0 if camera.horizontal_readout else height / whole),
+            readout_time=camera.readout_time * cut_off,
+            readout_sd=camera.readout_sd * cut_off,
         )
         text = (
             f"{width}x{height} has another aspect ratio than the file's {camera.width}x{camera.height}: the picture is "
@@ -129,9 +140,7 @@ def finished(
 
     A `readout_time` of None, in s, is missing in the file.
     """
-    if readout_time is None:
-        text = "the file does not contain the readout time: 0 is assumed; give it if the shutter rolls"
-        assumed = [*assumed, Assumption("readout_time", text)]
+    readout = UNKNOWN_READOUT if readout_time is None else {"readout_time": readout_time}
     with source.parsing(facts.get("camera", "the camera")):
-        camera = Camera(*size, focal_length, readout_time=readout_time or 0.0, **fields)
+        camera = Camera(*size, focal_length, **readout, **fields)
         return CameraFile(camera, format, facts, tuple(assumed)).fitted(request.size)

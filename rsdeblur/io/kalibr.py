@@ -132,11 +132,14 @@ def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]
         )
     coefficients = entry.get("distortion_coeffs", entry.get("distortion_coefficients", []))
     delay = float(entry.get("line_delay") or 0.0)
+    if delay == 0:
+        text = "the file has no line delay: a global shutter is assumed; give the readout time if the shutter rolls"
+        assumptions.append(Assumption("readout_time", text))
     return {
         "size": (width, height),
         "focal_length": (fx, fy),
         "principal_point": (cx, cy),
-        "readout_time": delay * height or None,
+        "readout_time": delay * height,
         "imu_to_camera": _imu_to_camera(entry, assumptions),
         # t_imu = t_cam + shift
         "time_offset": 0.0 - float(entry.get("timeshift_cam_imu") or 0.0),

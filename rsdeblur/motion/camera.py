@@ -34,6 +34,9 @@ from rsdeblur.types import FloatArray
 # exposure to the end of the last row's. Android marks the start, Gyroflow the middle row's mid-exposure.
 TIMESTAMP_SHARES: dict[TimestampMarks, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
 
+# Readout time of a camera that does not state it, and its standard deviation, s: phones' (docs/readout-times.md).
+UNKNOWN_READOUT = {"readout_time": 20e-3, "readout_sd": 10e-3}
+
 # Former keys of camera files, which are still read.
 FORMER_KEYS = {
     "focal": "focal_length", "principal": "principal_point", "readout": "readout_time", "stamp": "timestamp_marks",
@@ -58,6 +61,9 @@ class Camera:
     readout_time : float, default 0.0
         Readout time in s, at least 0: the start of exposure moves by `readout_time / lines` from one sensor row to the
         next. 0 is a global shutter.
+    readout_sd : float, default 0.0
+        Standard deviation of `readout_time` in s where it is a guess, which :func:`rsdeblur.refine` corrects by the
+        picture. 0: it is known, to within the relative error of :class:`rsdeblur.Uncertainty`.
     readout_direction : {"top-down", "bottom-up", "left-right", "right-left"}
         Direction of the readout in the picture as stored.
     imu_to_camera : array_like, shape (3, 3), or str, optional
@@ -86,6 +92,7 @@ class Camera:
     focal_length: tuple[float, float]
     principal_point: tuple[float, float]
     readout_time: float
+    readout_sd: float
     readout_direction: ReadoutDirection
     imu_to_camera: FloatArray
     time_offset: float
@@ -102,6 +109,7 @@ class Camera:
         principal_point: tuple[float, float] | ArrayLike | None = None,
         *,
         readout_time: float = 0.0,
+        readout_sd: float = 0.0,
         readout_direction: ReadoutDirection = "top-down",
         imu_to_camera: ArrayLike | str | None = None,
         time_offset: float = 0.0,
@@ -121,6 +129,7 @@ class Camera:
             tuple(map(float, validate.real_array("principal_point", principal_point, (2,), most=values.LARGEST))),
         )
         put("readout_time", validate.finite("readout_time", readout_time, minimum=0.0, maximum=validate.MOST_SECONDS))
+        put("readout_sd", validate.finite("readout_sd", readout_sd, minimum=0.0, maximum=validate.MOST_SECONDS))
         put("readout_direction", validate.choice("readout_direction", readout_direction, READOUT_DIRECTIONS))
         put("imu_to_camera", values.rotation(np.eye(3) if imu_to_camera is None else imu_to_camera))
         put("time_offset", validate.time("time_offset", time_offset))
@@ -351,6 +360,7 @@ class Camera:
             height=height,
             principal_point=(cx - left, cy - top),
             readout_time=self.readout_time * size / self.lines,
+            readout_sd=self.readout_sd * size / self.lines,
             time_offset=self.time_offset + self.readout_time * later / self.lines,
         )
 
@@ -412,7 +422,7 @@ class Camera:
         ----------
         path : path-like
             A file written by :meth:`save`, or by hand; all keys except `width`, `height` and `focal_length` are
-            optional.
+            optional. Without `readout_time` it is that of a phone, 20 ms, with a `readout_sd` of 10 ms.
 
         Returns
         -------
@@ -452,6 +462,6 @@ class Camera:
         if missing:
             raise FileFormatError(f"{path}: the camera file lacks {', '.join(missing)}")
         try:
-            return cls(**table)
+            return cls(**(table if "readout_time" in table else UNKNOWN_READOUT | table))
         except InputError as error:
             raise FileFormatError(f"{path}: {error}") from error

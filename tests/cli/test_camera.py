@@ -26,7 +26,7 @@ Run = Callable[..., Result]
 
 def test_new_names_what_it_assumes(run: Run, tmp_path: Path) -> None:
     result = run("camera", "new", "--size", "4000x3000", "--focal-length", "4.7", "-o", tmp_path / "new.toml")
-    for text in ("give --readout-time", "give --imu", "is it in mm?"):
+    for text in ("readout time is unknown", "give --imu", "is it in mm?"):
         assert text in result.stdout
 
 
@@ -91,7 +91,7 @@ def test_options_replace_assumptions_without_a_warning(run: Run, files: Files, t
     profile = tmp_path / "profile.json"
     lens = {"camera_matrix": [[110, 0, 48], [0, 110, 36], [0, 0, 1]], "distortion_coeffs": [0, 0, 0, 0]}
     profile.write_text(json.dumps({"calib_dimension": {"w": 96, "h": 72}, "fisheye_params": lens}))
-    doubt = "does not contain the readout time"
+    doubt = "the readout time is unknown"
     assert doubt in run("camera", "import", profile, "-o", tmp_path / "a.toml").stdout
     assert doubt not in run("camera", "import", profile, "--readout-time", "20ms", "-o", tmp_path / "b.toml").stdout
     recording = ["--gyro", files.gyro, "--camera", profile, "--start", START, "--duration", DURATION]

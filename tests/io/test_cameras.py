@@ -43,16 +43,17 @@ PROFILES: list[tuple[dict[str, Any], dict[str, Any]]] = [
     *(
         (
             {"frame_readout_time": time, "frame_readout_direction": word},
-            {"readout_time": abs(time or 0) / 1000, "readout_direction": direction},
+            {"readout_time": abs(time) / 1000, "readout_direction": direction, "readout_sd": 0.0},
         )
         for time, word, direction in (
             (-15.0, None, "bottom-up"),
             (15.0, "BottomToTop", "bottom-up"),
             (15.0, "LeftToRight", "left-right"),
             (-15.0, "RightToLeft", "right-left"),
-            (None, None, "top-down"),
         )
     ),
+    # Unknown: a guess that refinement corrects.
+    ({"frame_readout_time": None}, {"readout_time": 0.02, "readout_sd": 0.01}),
 ]
 
 
@@ -62,9 +63,9 @@ class TestLensProfile:
         file = open_camera(write(profile(**changes)))
         assert {name: getattr(file.camera, name) for name in expected} == expected
         np.testing.assert_array_equal(file.camera.imu_to_camera, imu_to_camera("gyroflow"))
-        about = " ".join(assumption.text for assumption in file.assumptions)
+        about = " ".join(file.remarks)
         assert "submitted by a user" in about or changes
-        assert ("not contain the readout" in about) == (expected.get("readout_time") == 0)
+        assert ("readout time is unknown" in about) == (file.camera.readout_sd > 0)
 
     def test_an_implausible_readout_is_an_assumption(self, write: Write) -> None:
         assert "implausible" in open_camera(write(profile(frame_readout_time=0.41))).assumptions[0].text
@@ -179,13 +180,13 @@ class TestExif:
 
 SAMPLES = {
     "gyroflow-lens-profile/Apple_iPhone 14 Pro_Main 24mm_24mm 24fps_4k_16by9_3840x2160-24.00fps.json": (
-        "gyroflow-lens", (3840, 2160), 3155.09, 0.0, "fisheye"),
+        "gyroflow-lens", (3840, 2160), 3155.09, 0.02, "fisheye"),
     "gyroflow-lens-profile/S25Ultra_23mm_3840x2160.json": ("gyroflow-lens", (3840, 2160), 2655.16, 0.0145, "fisheye"),
     "kalibr/euroc_mav_kalibr_imucam_chain.yaml": ("kalibr", (752, 480), 458.654, 0.0, "radtan"),
     "kalibr/fisheye-stereo.yaml": ("kalibr", (960, 800), 608.221, 0.0, "fisheye"),
     "kalibr/rs_camchain_line_delay.yaml": ("kalibr", (640, 480), 700.038, 480 * 3.3966922363735363e-05, "fisheye"),
-    "exif/DSCN0010.jpg": ("exif", (640, 480), 112 / 43.267 * 800, 0.0, "none"),
-    "exif/iphone_hdr_NO.jpg": ("exif", (3264, 2448), 57 / 43.267 * 4080, 0.0, "none"),
+    "exif/DSCN0010.jpg": ("exif", (640, 480), 112 / 43.267 * 800, 0.02, "none"),
+    "exif/iphone_hdr_NO.jpg": ("exif", (3264, 2448), 57 / 43.267 * 4080, 0.02, "none"),
 }  # fmt: skip
 
 
@@ -217,7 +218,7 @@ class TestMars:
     def test_ios_contains_the_size(self, write: Write) -> None:
         file = open_camera(write(files.CAPTURES["ios"]))
         assert (file.camera.width, file.camera.height, file.camera.focal_length[0]) == (1920, 1080, 1500.5)
-        assert any("not contain the readout" in assumption.text for assumption in file.assumptions)
+        assert file.camera.readout_sd > 0
 
 
 def test_gcsv(write: Write) -> None:

@@ -295,7 +295,7 @@ TOML: list[Fault] = [
         "width = " + "9" * 5000, "focal_length = 1e300", "principal_point = [1e308, -1e308]",
         "readout_time = " + "[" * 5000, "imu_to_camera = [[1e200, 0, 0], [0, 1e200, 0], [0, 0, 1e200]]",
         'distortion_model = "fisheye"\ndistortion = [1e308, 1e308, 1e308, 1e308]')),
-    ("width = 6\nheight = 4\nfocal_length = 8\nread_out = 0.1", 0, "'read_out'; did you mean 'readout_time'"),
+    ("width = 6\nheight = 4\nfocal_length = 8\nread_out = 0.1", 0, "'read_out'; did you mean 'readout_"),
     ("width = 6\nreadout_time = 0.1", 0, "lacks height, focal"),
     *((b"width = 6\xff", 0, "UTF-8"), ("width = 6\nheight 4", 0, "TOML .*line 2")),
     *((toml(line), 0, words) for line, words in (

@@ -114,10 +114,15 @@ def test_files_keep_cameras(camera, tmp_path):
     path = tmp_path / "camera.toml"
     camera.save(path)
     assert Camera.load(path) == camera
-    # Three keys are enough, and former names are read.
+    # Three keys are enough, and former names are read. Without a readout time, that of a phone is a guess.
     path.write_text("width = 64\nheight = 48\nfocal = 80\n")
     with pytest.warns(RsdeblurWarning, match="'focal' is now called 'focal_length'"):
-        assert Camera.load(path) == Camera(64, 48, 80.0)
+        loaded = Camera.load(path)
+    assert loaded == Camera(64, 48, 80.0, readout_time=loaded.readout_time, readout_sd=loaded.readout_sd)
+    assert 0 < loaded.readout_sd < loaded.readout_time
+    assert loaded.cropped(0, 0, 64, 24).readout_sd == loaded.readout_sd / 2
+    path.write_text("width = 64\nheight = 48\nfocal_length = 80\nreadout_time = 0.0\n")
+    assert Camera.load(path) == Camera(64, 48, 80.0)
 
 
 EXPOSURE = Exposure(2.0, 0.01)
