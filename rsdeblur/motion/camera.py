@@ -253,7 +253,6 @@ class Camera:
         Returns
         -------
         Camera
-            The same camera for the resized picture.
 
         Raises
         ------
@@ -274,7 +273,6 @@ class Camera:
         Returns
         -------
         Camera
-            The same camera for the resized picture.
 
         Raises
         ------
@@ -327,7 +325,6 @@ class Camera:
         Returns
         -------
         Camera
-            The same camera for the part.
 
         Raises
         ------
@@ -417,7 +414,6 @@ class Camera:
         Returns
         -------
         Camera
-            The camera.
 
         Raises
         ------

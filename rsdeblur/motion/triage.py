@@ -134,13 +134,7 @@ def check_thresholds(keep: float, drop: float) -> tuple[float, float]:
 
 
 def blur_of(log: GyroLog, camera: Camera, exposure: Exposure) -> tuple[float, str | None]:
-    """Return the length in px of the longest path in a picture; NaN and the reason where the log does not describe it.
-
-    Parameters
-    ----------
-    log, camera, exposure
-        The recording.
-    """
+    """Return the length in px of the longest path; NaN and the reason where the log does not describe the exposure."""
     try:
         upright = camera.turned() if camera.horizontal_readout else camera
         return float(Capture.from_log(log, upright, exposure).probe.lengths.max()), None
