@@ -31,11 +31,9 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.translation import Translation
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult, plan, plan_for
+from rsdeblur.pipeline.tiles import NSR as NSR
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Denoiser, Progress
-
-# Noise-to-signal ratio that decides the automatic numbers of tiles when there is no picture to derive it from.
-NSR = 0.01
 
 
 def deblur(

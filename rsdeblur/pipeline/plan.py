@@ -143,7 +143,6 @@ class Plan:
         Returns
         -------
         Plan
-            Plan of this capture.
 
         Raises
         ------
@@ -234,8 +233,7 @@ class Plan:
         strengths = self.strengths
         if strengths is None:
             with clock.stage("tune"):
-                one_psf = self.options.has_one_psf
-                strengths = derive_strengths(split, self.options, self.capture, one_psf=one_psf, light=light)
+                strengths = derive_strengths(split, self.options, self.capture, light=light)
         elif self.bank is not None:
             return self
         with clock.stage("psfs"):
@@ -333,26 +331,7 @@ def plan_for(
 ) -> Plan:
     """Plan the deblurring of one picture; with ``options.refine``, of the recording as corrected by it.
 
-    Parameters
-    ----------
-    image, log, camera, exposure
-        See :func:`rsdeblur.deblur`.
-    options : Options
-        All options.
-    known_axes : bool, default False
-        See :func:`rsdeblur.refine`.
-    progress : callable, optional
-        See :func:`rsdeblur.deblur`.
-
-    Returns
-    -------
-    Plan
-        See :func:`rsdeblur.plan`.
-
-    Raises
-    ------
-    InputError, CoverageError, ClockError, GapError
-        As :func:`rsdeblur.deblur`.
+    `known_axes` is that of :func:`rsdeblur.refine`; errors are those of :func:`rsdeblur.deblur`.
     """
     if not options.refine:
         return plan(log, camera, exposure, options)
