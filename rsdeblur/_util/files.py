@@ -18,24 +18,10 @@ def checked_path(path: str | os.PathLike[str]) -> Path:
 
 
 def open_file(path: str | os.PathLike[str], what: str) -> BinaryIO:
-    """Open a regular file for reading.
+    """Open a regular file for reading; the caller closes it.
 
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    what : str
-        Kind of file, for messages.
-
-    Returns
-    -------
-    file
-        Binary file, which the caller closes.
-
-    Raises
-    ------
-    FileFormatError
-        If the file does not exist, cannot be read, or is a folder, a pipe or a device.
+    A `FileFormatError`, which calls the file a `what`, says that it does not exist, cannot be read, or is a folder, a
+    pipe or a device.
     """
     path = checked_path(path)
     try:
