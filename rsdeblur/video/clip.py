@@ -29,6 +29,8 @@ try:
 except ModuleNotFoundError:
     raise InputError(missing("videos need PyAV", "video")) from None
 
+__all__ = ["Clip", "exposures_from_captures", "exposures_from_timestamps", "frames", "open_clip", "values_of"]
+
 # FFmpeg's default rounding would darken pictures by a level.
 SCALING = av.video.reformatter.Interpolation.BICUBIC | av.video.reformatter.Interpolation.ACCURATE_RND
 # 16 bits are enough for the RGB values of 8, 10 and 12 bits of YCbCr.
@@ -88,22 +90,10 @@ class Clip:
 
 @contextmanager
 def reading(path: Path) -> Iterator[Any]:
-    """Open a video for reading, and turn FFmpeg's errors in the block into errors that name the file.
+    """Open a video for reading, as an `av.container.InputContainer`.
 
-    Parameters
-    ----------
-    path : Path
-        The video.
-
-    Yields
-    ------
-    av.container.InputContainer
-        The open file.
-
-    Raises
-    ------
-    FileFormatError
-        If FFmpeg cannot read the file, it is a pipe or a device, or not in one of the containers that are read.
+    FFmpeg's errors in the block become errors that name the file. A pipe or a device is refused, and a container that
+    is not read.
     """
     # FFmpeg would wait for the writer of a pipe.
     open_file(path, "video").close()
