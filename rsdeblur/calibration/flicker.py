@@ -42,14 +42,13 @@ class Flicker:
 def measure_flicker(
     images: Sequence[ArrayLike],
     *,
-    mains: float = 50.0,
-    horizontal: bool = False,
+    mains: float = 50.0,  # Hz; the lamp flickers at twice this frequency
+    horizontal: bool = False,  # whether the readout runs along the x axis
     transfer: Transfer | Auto = "auto",
 ) -> Flicker:
     """Measure the readout time by the bands of a lamp, in pictures of an evenly lit wall that are all of one size.
 
-    From several pictures of one scene, the scene is removed. The lamp flickers at twice the frequency of the `mains`,
-    Hz. `horizontal` says that the readout runs along the x axis; `transfer` is that of :func:`rsdeblur.deblur`.
+    From several pictures of one scene, the scene is removed.
     """
     mains = validate.finite("mains", mains, above=0.0)
     profiles = [_profiles(image, horizontal, transfer) for image in images]

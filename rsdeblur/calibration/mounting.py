@@ -54,16 +54,14 @@ def frame_rotations(matches: ClipMatches, camera: Camera) -> FloatArray:
 
 def candidates(
     matches: ClipMatches,
-    camera: Camera,
-    log: tuple[FloatArray, FloatArray],
-    search: tuple[float, float],
+    camera: Camera,  # start values of focal length and lens; its mounting is a candidate too
+    log: tuple[FloatArray, FloatArray],  # times (n,) on the matches' clock, s, and rates (n, 3), rad/s, IMU axes
+    search: tuple[float, float],  # first and last offset, s
     count: int,
 ) -> list[Candidate]:
     """Return the mountings and offsets whose rotation between frames agrees best with the seen one, the best first.
 
-    `camera` has the start values of focal length and lens; its mounting is a candidate too. `log` contains times (n,)
-    in s from the origin of the matches' times, and rates (n, 3) in rad/s, IMU axes. `search` is the first and the last
-    offset, s. Of the `count` candidates, no two have one mounting and nearly one offset.
+    No two of them have one mounting and nearly one offset.
     """
     own = camera.imu_to_camera
     every = np.array([*mountings(), own][: None if mounting_name(own) == OBLIQUE else -1])

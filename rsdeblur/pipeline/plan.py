@@ -150,7 +150,8 @@ class Plan:
             As :func:`rsdeblur.deblur`.
         """
         clock = StageClock()
-        return self._prepared(self._split(self._encoded(image), clock), clock)
+        strengths, bank = self._prepared(self._split(self._encoded(image), clock), clock)
+        return replace(self, strengths=strengths, bank=bank)
 
     def apply(
         self, image: ArrayLike, *, out: NDArray[Any] | None = None, progress: Progress | None = None
@@ -183,38 +184,28 @@ class Plan:
         # What the check needs of the blurred picture is measured while other steps leave a processor free.
         weigh = partial(MotionEvidence.of, encoded, self.capture, threads=1)
         with beside(weigh, threads if self.options.judges else 1) as evidence:
-            ready = self._prepared(split, clock, light)
-            coverage = ready._solve(split, light, upright, meter, clock)
+            strengths, bank = self._prepared(split, clock, light)
+            solver = PictureSolver(self.options, strengths, bank, self.capture)
+            judging = meter if self.options.judges else None
+            coverage = solve_chunks(split, upright, solver, clock, light=light, meter=judging, capture=self.capture)
             del light
             check = judged(encoded, upright, evidence, meter, self.options, clock)
-        return ready._result(out, encoded, coverage, check, clock)
-
-    def _result(
-        self,
-        out: NDArray[Any],
-        encoded: EncodedImage,
-        coverage: NDArray[np.bool_],
-        check: QualityCheck | None,
-        clock: StageClock,
-    ) -> DeblurResult:
-        assert self.strengths is not None
-        assert self.bank is not None
-        bands, strips = self.bank.kernels.shape[:2]
+        bands, strips = bank.kernels.shape[:2]
         mode = self.options.mode_in_effect
         return DeblurResult(
             image=out,
             transfer=encoded.transfer,
-            psfs=self.frame.bank(self.bank),
+            psfs=self.frame.bank(bank),
             bands=encoded.shape[0] if mode == "rowwise" else bands,
             strips=strips,
-            nsr=self.strengths.nsr,
-            weight=self.strengths.weight,
+            nsr=strengths.nsr,
+            weight=strengths.weight,
             coverage=self.frame.back(coverage),
             timings=self.spent | clock.timings,
             check=check,
-            noise=self.strengths.noise,
+            noise=strengths.noise,
             refinement=self.refinement,
-            chroma=chroma_of(self.options, self.bank.size, encoded.shape),
+            chroma=chroma_of(self.options, bank.size, encoded.shape),
             mode=mode,
             tile_error=tile_errors(self.capture)[0] ** 0.5,
         )
@@ -228,17 +219,19 @@ class Plan:
         """Separate the clipped highlights, if the options request it and there are any."""
         return split_highlights([encoded], self.options, [self.capture], clock)[0]
 
-    def _prepared(self, split: HighlightSplit, clock: StageClock, light: FloatImage | None = None) -> Plan:
-        """Return the plan with fixed strengths, derived from a picture if this plan has none, and fixed PSFs."""
-        strengths = self.strengths
+    def _prepared(
+        self, split: HighlightSplit, clock: StageClock, light: FloatImage | None = None
+    ) -> tuple[Strengths, PsfBank]:
+        """Return the strengths and the PSFs of this plan, or those that suit a picture where it has none."""
+        strengths, bank = self.strengths, self.bank
         if strengths is None:
             with clock.stage("tune"):
                 strengths = derive_strengths(split, self.options, self.capture, light=light)
-        elif self.bank is not None:
-            return self
+        elif bank is not None:
+            return strengths, bank
         with clock.stage("psfs"):
             bank = PsfBank.from_paths(self.tile_paths(strengths.tile_nsr), threads=self.options.threads)
-        return replace(self, strengths=strengths, bank=bank)
+        return strengths, bank
 
     def tile_paths(self, nsr: float) -> BlurPaths:
         """Trace the paths of the PSFs in the upright frame.
@@ -249,21 +242,6 @@ class Plan:
             Noise-to-signal ratio that decides the automatic numbers of bands and strips.
         """
         return tile_paths(self.capture, self.options.mode_in_effect, self.options.bands, self.options.strips, nsr)
-
-    def _solve(
-        self,
-        split: HighlightSplit,
-        light: FloatImage | None,
-        out: NDArray[Any],
-        meter: UndershootMeter,
-        clock: StageClock,
-    ) -> NDArray[np.bool_]:
-        """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
-        assert self.strengths is not None
-        assert self.bank is not None
-        solver = PictureSolver(self.options, self.strengths, self.bank, self.capture)
-        judging = meter if self.options.judges else None
-        return solve_chunks(split, out, solver, clock, light=light, meter=judging, capture=self.capture)
 
 
 def captured(frame: ReadoutFrame, log: GyroLog, exposure: Exposure, options: Options) -> Capture:

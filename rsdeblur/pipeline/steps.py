@@ -161,15 +161,11 @@ def solve_chunks(
     solver: ChunkSolver,
     clock: StageClock,
     *,
-    light: FloatImage | None = None,
-    meter: UndershootMeter | None = None,
-    capture: Capture | None = None,
+    light: FloatImage | None = None,  # the picture's linear light (H, W, C) without highlights, if decoded already
+    meter: UndershootMeter | None = None,  # measures light before and after the solve
+    capture: Capture | None = None,  # the motion by which the options may request to rectify the picture
 ) -> NDArray[np.bool_]:
-    """Solve chunk by chunk into `out`, which is upright and encoded; return a mask of the pixels that were exposed.
-
-    `light` is the picture's linear light (H, W, C) without highlights, if it is decoded already. `meter` measures light
-    before and after the solve. `capture` is the motion by which the options may request to rectify the picture.
-    """
+    """Solve chunk by chunk into `out`, which is upright and encoded; return a mask of the pixels that were exposed."""
     options, size, threads = solver.options, solver.bank.size, solver.options.threads
     coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, split.encoded.shape[:2])
     # Linear methods, of which the published filter is one, stay linear.

@@ -77,12 +77,8 @@ def simulate(
         The scene at the mid-exposure of the middle row; floats of the nominal range [0, 1], or uint8 or uint16, which
         are scaled to it. It must be at least as large as the camera's picture, which is centred in it; the rest is
         visible when the camera turns. Beyond its borders, the scene is mirrored.
-    log : GyroLog
-        Motion of the camera.
-    camera : Camera
-        The camera.
-    exposure : Exposure
-        Time of the exposure.
+    log, camera, exposure
+        The motion, the camera and the time of the exposure.
     noise : float, default 0.0
         Standard deviation of white Gaussian noise, in linear light of range [0, 1]; 0.01 is 40 dB.
     seed : int, default 0
