@@ -24,10 +24,10 @@ from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.image.undershoot import UndershootMeter
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.camera_values import too_wide
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
-from rsdeblur.motion.plausible import too_wide
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import PictureSolver, Strengths, chroma_of
 from rsdeblur.pipeline.stages import StageClock
