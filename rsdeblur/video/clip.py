@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._util import ffmpeg
 from rsdeblur._util.extras import missing
-from rsdeblur._util.files import checked_path, open_file
+from rsdeblur._util.files import checked_path, ffmpeg_input, open_file
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io.captures import open_captures
 from rsdeblur.io.sessions import PHOTOS, encoded_timestamps, nearest_captures
@@ -98,7 +97,7 @@ def reading(path: Path) -> Iterator[Any]:
     # FFmpeg would wait for the writer of a pipe.
     open_file(path, "video").close()
     try:
-        container = av.open(**ffmpeg.existing(path))
+        container = av.open(**ffmpeg_input(path))
     except av.error.ArgumentError as error:
         what = "not a video in a container that is read; convert it to MP4, MOV, Matroska, WebM, AVI or MPEG-TS"
         if path.suffix.lower() in PHOTOS:
