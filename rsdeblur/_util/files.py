@@ -27,8 +27,8 @@ def checked_path(path: str | os.PathLike[str]) -> Path:
 def open_file(path: str | os.PathLike[str], what: str) -> BinaryIO:
     """Open a regular file for reading; the caller closes it.
 
-    A `FileFormatError`, which calls the file a `what`, says that it does not exist, cannot be read, or is a folder, a
-    pipe or a device.
+    A `FileFormatError`, in which `what` names the kind of file, says that the file does not exist, cannot be read, or
+    is a folder, a pipe or a device.
     """
     path = checked_path(path)
     try:

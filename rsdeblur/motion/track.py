@@ -41,8 +41,8 @@ class OrientationTrack:
     ) -> OrientationTrack:
         """Return the track from the last sample before `t0` to the first one after `t1`, integrated from a gyro log.
 
-        Times are camera time, in s relative to `epoch_ns`. More than `most` samples are refused, and spans that the log
-        does not describe, see :meth:`GyroLog.covering`.
+        Times are camera time, in s relative to `epoch_ns`. Raise `InputError` if there are more than `most` samples,
+        and the errors of :meth:`GyroLog.covering`.
         """
         # camera_time = gyro_time + time_offset
         log = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)

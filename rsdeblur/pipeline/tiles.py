@@ -41,8 +41,8 @@ Blur = Capture | PsfBank
 def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: float) -> BlurPaths:
     """Return the paths at the centres of the tiles.
 
-    `nsr` decides the numbers of bands and strips that are "auto". A blur that is larger than the picture is refused,
-    and more tiles than the picture can have.
+    `nsr` decides the numbers of bands and strips that are "auto". An `InputError` says that the blur is larger than the
+    picture, or that there are more tiles than the picture can have.
     """
     check_reach(capture)
     height, width = capture.camera.height, capture.camera.width

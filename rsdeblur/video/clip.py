@@ -91,8 +91,8 @@ class Clip:
 def reading(path: Path) -> Iterator[Any]:
     """Open a video for reading, as an `av.container.InputContainer`.
 
-    FFmpeg's errors in the block become errors that name the file. A pipe or a device is refused, and a container that
-    is not read.
+    FFmpeg's errors in the block become a `FileFormatError` that names the file. So do pipes, devices, and containers
+    that are not read.
     """
     # FFmpeg would wait for the writer of a pipe.
     open_file(path, "video").close()

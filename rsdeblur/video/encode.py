@@ -163,7 +163,7 @@ def _writing(output: Path, what: str = "cannot write the video") -> Iterator[Non
 
 
 def container_of(path: Path) -> str:
-    """Return FFmpeg's name of the container for a file's extension; refuse an unknown one."""
+    """Return FFmpeg's name of the container for a file's extension; raise `OutputError` for an unknown one."""
     suffix = path.suffix.lower()
     if suffix not in CONTAINERS:
         raise OutputError(f"{path}: unknown video extension {suffix!r}; use one of {', '.join(CONTAINERS)}")
