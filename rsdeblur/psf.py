@@ -102,7 +102,6 @@ class PsfBank:
         Returns
         -------
         PsfBank
-            Bank with one kernel per path.
         """
         validate.instance("paths", paths, BlurPaths)
         height, width = size_of(paths)
@@ -129,7 +128,6 @@ class PsfBank:
         Returns
         -------
         PsfBank
-            Bank with these kernels.
 
         Raises
         ------
@@ -287,7 +285,6 @@ class PsfBank:
         Returns
         -------
         PsfBank
-            The bank.
 
         Raises
         ------

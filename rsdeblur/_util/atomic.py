@@ -23,18 +23,8 @@ REPLACE = "use force (--force) to replace it, or give another name"
 def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
     """Check, before long work, that `atomic_write` can write its result to `path`.
 
-    Parameters
-    ----------
-    path : path-like
-        File to be written later.
-    force : bool
-        Whether an existing file may be replaced.
-
-    Raises
-    ------
-    OutputError
-        If the folder is missing or not writable, `path` is a folder, a pipe or a device, or it exists and `force` is
-        False.
+    An `OutputError` says that the folder is missing or not writable, that `path` is a folder, a pipe or a device, or
+    that it exists although it may not be replaced (`force`).
     """
     target = _target(path)
     if target.exists() and not force:
@@ -47,25 +37,13 @@ def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
 
 @contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """Open a temporary file beside `path`, for writing and reading, which replaces `path` at the end.
+    """Open a temporary binary file beside `path`, for writing and reading, which replaces `path` at the end.
 
     If the block raises, the temporary file is removed and `path` is unchanged. If `path` is a symbolic link, the file
     that it points to is replaced. Mode and extended attributes of a replaced file are kept.
 
-    Parameters
-    ----------
-    path : path-like
-        File to be written.
-
-    Yields
-    ------
-    file
-        Binary file.
-
-    Raises
-    ------
-    OutputError
-        If the folder is missing or not writable, the disk is full, or `path` is a folder, a pipe or a device.
+    An `OutputError` says that the folder is missing or not writable, that the disk is full, or that `path` is a folder,
+    a pipe or a device.
     """
     target = _target(path)
     try:
@@ -84,12 +62,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 def reserve(file: BinaryIO) -> None:
     """Take the disk space for the holes of an open file, where the system can; its memory map takes it piece by piece.
 
-    A full disk is an error here; for a process that writes through the map it is a fatal signal.
-
-    Raises
-    ------
-    OSError
-        If the disk is full.
+    A full disk is an `OSError` here; for a process that writes through the map it is a fatal signal.
     """
     file.flush()
     if hasattr(os, "posix_fallocate"):  # not on macOS and Windows

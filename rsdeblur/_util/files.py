@@ -1,13 +1,20 @@
-"""Reading of regular files only: reading a pipe or a device might block for ever or never end."""
+"""Reading of regular files only: reading a pipe or a device might block for ever or never end.
+
+Files are given to FFmpeg never as addresses, and only in containers that open no other files.
+"""
 
 from __future__ import annotations
 
 import os
 import stat
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from rsdeblur.errors import FileFormatError, InputError
+
+# FFmpeg's names of the containers that are read. It recognises a file by its content, and reads pictures as videos too,
+# and playlists, which make it open other files.
+CONTAINERS = ("mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm", "avi", "mpegts")
 
 
 def checked_path(path: str | os.PathLike[str]) -> Path:
@@ -18,24 +25,10 @@ def checked_path(path: str | os.PathLike[str]) -> Path:
 
 
 def open_file(path: str | os.PathLike[str], what: str) -> BinaryIO:
-    """Open a regular file for reading.
+    """Open a regular file for reading; the caller closes it.
 
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    what : str
-        Kind of file, for messages.
-
-    Returns
-    -------
-    file
-        Binary file, which the caller closes.
-
-    Raises
-    ------
-    FileFormatError
-        If the file does not exist, cannot be read, or is a folder, a pipe or a device.
+    A `FileFormatError`, in which `what` names the kind of file, says that the file does not exist, cannot be read, or
+    is a folder, a pipe or a device.
     """
     path = checked_path(path)
     try:
@@ -58,6 +51,12 @@ def read_file(path: str | os.PathLike[str], what: str, start: int = 0, size: int
             return file.read(size)
         except OSError as error:
             raise _unreadable(path, what, error) from error
+
+
+def ffmpeg_input(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return the arguments of `av.open` that read a file."""
+    # FFmpeg takes names for URLs: 10:30.mp4 has the protocol 10.
+    return {"file": f"file:{os.path.abspath(path)}", "options": {"format_whitelist": ",".join(CONTAINERS)}}
 
 
 def _open_at_once(path: str, flags: int) -> int:

@@ -25,33 +25,16 @@ MOST_THREADS = 1024
 
 
 def thread_count(threads: int | None) -> int:
-    """Return `threads`, or the number of processors that this process may use if it is None.
-
-    Raises
-    ------
-    InputError
-        If `threads` is not a whole number from 1 to 1024.
-    """
+    """Return `threads`, from 1 to 1024, or the number of processors that this process may use if it is None."""
     if threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return validate.count("threads", threads, maximum=MOST_THREADS)
 
 
 class ThreadTeam:
-    """The threads of a solver, whose buffers hold one picture at a time.
+    """The threads of a solver, of which the calling thread is one; the solver's buffers hold one picture at a time."""
 
-    Parameters
-    ----------
-    threads : int
-        Number of threads, of which the calling thread is one.
-
-    Attributes
-    ----------
-    lock : context manager
-        Re-entrant lock. A thread holds it while the buffers belong to the thread's picture.
-    """
-
-    lock: AbstractContextManager[Any]
+    lock: AbstractContextManager[Any]  # re-entrant; a thread holds it while the buffers belong to its picture
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
@@ -68,10 +51,7 @@ class ThreadTeam:
     def turn(self) -> Iterator[None]:
         """Wait for other threads, and hold the lock while a picture is solved.
 
-        Raises
-        ------
-        InputError
-            If this thread is already solving a picture: a function that the solver calls would spoil its buffers.
+        A thread that is already solving a picture is refused: a function that the solver calls would spoil its buffers.
         """
         with self.lock:
             if self._taken:
@@ -97,14 +77,7 @@ class ThreadTeam:
 def share(work: Callable[[int, int], None], tasks: Sequence[int], threads: int | None) -> None:
     """Call `work(thread, task)` for every task, as :meth:`ThreadTeam.share` does, in threads that end with the call.
 
-    Parameters
-    ----------
-    work : callable
-        Must give the same results in any order of the tasks.
-    tasks : sequence of int
-        Tasks.
-    threads : int or None
-        Number of threads; None means all processors.
+    `work` must give the same results in any order of the tasks. None means as many threads as processors.
     """
     threads = min(thread_count(threads), len(tasks))
     with _pool(threads) if threads > 1 else nullcontext() as pool:
@@ -126,12 +99,7 @@ def share_map(function: Callable[[Item], Result], items: Sequence[Item], threads
 def beside(function: Callable[[], Result], threads: int | None) -> Iterator[Callable[[], Result]]:
     """Let another thread call `function` while the body runs; the body gets a function that waits for the result.
 
-    Parameters
-    ----------
-    function : callable
-        What is called, once.
-    threads : int or None
-        Number of threads in all, None means all processors; with one of them, the body's function calls `function`.
+    If `threads` allows only one thread, the body's function calls `function` itself.
     """
     if thread_count(threads) == 1:
         yield function
@@ -155,14 +123,7 @@ def share_blocks(
 ) -> None:
     """Call `work(thread, rows, columns)` for blocks that cover a picture, shared by threads as in :func:`share`.
 
-    Parameters
-    ----------
-    work : callable
-        Must give the same results in any order of the blocks.
-    shape, block : (int, int)
-        Height and width of the picture, and of a block; the last blocks may be smaller, px.
-    threads : int or None
-        Number of threads; None means all processors.
+    `shape` and `block` are height and width of the picture and of a block, px; the last blocks may be smaller.
     """
     (height, width), (tall, wide) = shape, block
     corners = [(top, left) for top in range(0, height, tall) for left in range(0, width, wide)]

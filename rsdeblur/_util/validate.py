@@ -217,28 +217,9 @@ def _kind(value: object, numbers: NDArray[Any]) -> str:
 def real_array(
     name: str, value: ArrayLike, shape: tuple[int | None, ...] | None = None, *, most: float | None = None
 ) -> FloatArray:
-    """Return a read-only float64 copy of `value`.
+    """Return a read-only, C-contiguous float64 copy of finite real numbers; messages call them `name`.
 
-    Parameters
-    ----------
-    name : str
-        Name of the argument, for messages.
-    value : array_like
-        Finite real numbers.
-    shape : tuple of int or None, optional
-        Expected shape, in which None is any length; default any shape.
-    most : float, optional
-        Largest absolute value.
-
-    Returns
-    -------
-    ndarray, float64, C-contiguous
-        The copy.
-
-    Raises
-    ------
-    InputError
-        If `value` does not fit.
+    In the expected `shape`, None is any length; without one, any shape will do. `most` is the largest absolute value.
     """
     numbers = array(name, value)
     if numbers.dtype == np.float64:

@@ -37,34 +37,16 @@ class Failure:
 
 
 def run(
-    work: Callable[[Task], Answer],
-    tasks: Iterable[Task],
+    work: Callable[[Task], Answer],  # a function of a module, as it is sent to the workers
+    tasks: Iterable[Task],  # read as workers become free
     *,
     jobs: int = 1,
-    scheduler: str | None = None,
-    lost: Callable[[Task], None] | None = None,
+    scheduler: str | None = None,  # address of a Dask scheduler; its workers, instead of processes, see the same files
+    lost: Callable[[Task], None] | None = None,  # removes what a task left whose process has died
 ) -> Generator[tuple[Task, Answer | Failure], None, None]:
     """Do `work` on every task and yield each with its answer, in the order in which they finish.
 
     To stop early, close the iterator (`contextlib.closing`): it ends the workers at once.
-
-    Parameters
-    ----------
-    work : callable
-        Takes a task and returns its answer; a function of a module, as it is sent to the workers.
-    tasks : iterable
-        Read as workers become free.
-    jobs : int, default 1
-        Number of worker processes.
-    scheduler : str, optional
-        Address of a Dask scheduler, whose workers take the place of the processes; they must see the same files.
-    lost : callable, optional
-        Called with a task whose process has died, to remove what it left.
-
-    Raises
-    ------
-    InputError
-        If no scheduler answers, or the extra ``[dask]`` is not installed.
     """
     waiting, lost = iter(tasks), lost or (lambda task: None)
     executor = partial(_processes, jobs) if scheduler is None else partial(_cluster, scheduler)

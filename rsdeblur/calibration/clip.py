@@ -145,17 +145,7 @@ def calibrate_matches(
     search: tuple[float, float],
     progress: Progress | None = None,
 ) -> Calibration:
-    """Calibrate from the matches of a clip.
-
-    Parameters
-    ----------
-    matches : ClipMatches
-        The matches, see :func:`rsdeblur.calibration.matches.match_clip`.
-    epoch_ns : int
-        Origin of their times, ns.
-    log, camera, search, progress
-        See :func:`calibrate`.
-    """
+    """Calibrate from the matches of a clip, whose times count from `epoch_ns`; see :func:`calibrate` for the rest."""
     pairs = len(matches.opens)
     nothing = Calibration(False, "", camera, log, pairs=pairs, matches=len(matches.pair))
     if pairs < LEAST_PAIRS:

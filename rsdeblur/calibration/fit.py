@@ -99,14 +99,8 @@ STEPS = Parameters(1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1
 class ClipModel:
     """Prediction of the matches of a clip from the gyro's orientations.
 
-    Parameters
-    ----------
-    matches, camera
-        The matches; the start values of focal length and lens.
-    track : MeanOrientation
-        Orientations of the IMU. For a log with left-handed axes, those of the negative rates.
-    mounting : ndarray, shape (3, 3)
-        Orthogonal matrix from IMU axes to camera axes.
+    `camera` has the start values of focal length and lens. `mounting` is an orthogonal matrix (3, 3) from IMU axes to
+    camera axes; where it mirrors, for a log with left-handed axes, the orientations are those of the negative rates.
     """
 
     def __init__(self, matches: ClipMatches, camera: Camera, track: MeanOrientation, mounting: FloatArray) -> None:
@@ -178,33 +172,18 @@ class ClipFit:
 
 
 class PairErrors:
-    """Weights of the points and shared errors of the pairs, estimated from residuals.
+    """Weights of the points and shared errors of the pairs, estimated from residuals (n, 2), px.
 
-    Parameters
-    ----------
-    model : ClipModel
-        The matches.
-    residuals : ndarray, shape (n, 2)
-        Predicted minus measured positions, px.
-    keep : ndarray of bool, shape (pairs,)
-        Pairs that may be used.
-
-    Attributes
-    ----------
-    noise, weights : float and ndarray, shape (n,)
-        Standard deviation of a point, px, and its weight: the variance of a point is noise^2 / weight.
-    modes : ndarray, shape (n, 2, 4)
-        Displacements of all points by a unit of each error that a pair shares.
-    spread, correlation : ndarray, shapes (4,) and (pairs, 4)
-        Variances of the shared errors, and their correlations with those of the pair before; 0 for the first.
-    used : ndarray of bool, shape (pairs,)
-        Pairs that were not left out.
+    Pairs that are not to `keep`, and those with outlying shared errors, are left out: see `used`, both (pairs,).
     """
 
     def __init__(self, model: ClipModel, residuals: FloatArray, keep: NDArray[np.bool_]) -> None:
-        self._matches, self.modes = model.matches, _modes(model.matches.moved)
+        self._matches = model.matches
+        # Displacements of all points by a unit of each error that a pair shares, (n, 2, 4).
+        self.modes = _modes(model.matches.moved)
         pair, own = model.matches.pair, residuals
         for _ in range(3):
+            # Standard deviation of a point, px. Its variance is noise^2 / weight, with weights (n,).
             self.noise = max(float(np.median(np.abs(own))) / MEDIAN, LEAST_NOISE)
             self.weights = 1.0 / (1.0 + (np.linalg.norm(own, axis=1) / (CAUCHY * self.noise)) ** 2)
             shared, variances = self._shared(residuals)
@@ -212,16 +191,17 @@ class PairErrors:
         typical = np.median(shared[keep] ** 2, axis=0) / MEDIAN**2
         self.used = keep & (shared**2 < OUTLYING**2 * (typical + variances)).all(axis=1)
         self.weights *= self.used[pair]
-        self.spread = np.maximum(typical - np.median(variances[keep], axis=0), 0.0)
-        self.correlation = _correlations(model.matches.opens[:, 0], shared, variances, self.used)
+        # Variances (4,) of the shared errors; their correlations (pairs, 4) with the pair before, 0 for the first one.
+        spread = np.maximum(typical - np.median(variances[keep], axis=0), 0.0)
+        correlation = _correlations(model.matches.opens[:, 0], shared, variances, self.used)
         # Displacements of the points by one standard deviation of each error, in standard deviations of the points.
         self._scale = np.repeat(np.sqrt(self.weights) / self.noise, 2)[:, None]
-        displaced = self._scale * self.modes.reshape(-1, 4) * np.sqrt(self.spread)
+        displaced = self._scale * self.modes.reshape(-1, 4) * np.sqrt(spread)
         ends = 2 * np.searchsorted(pair, np.arange(len(keep) + 1))
         self._displaced: Any = sparse.block_diag([displaced[a:b] for a, b in pairwise(ends)], "csc")
         # The errors are those of the pair before times the correlation, and an innovation.
-        innovation = np.sqrt(1.0 - self.correlation**2).ravel()
-        below = -self.correlation.ravel()[4:] / innovation[4:]
+        innovation = np.sqrt(1.0 - correlation**2).ravel()
+        below = -correlation.ravel()[4:] / innovation[4:]
         self._innovations = sparse.diags_array([(1.0 / innovation).tolist(), below.tolist()], offsets=[0, -4])
         precision = self._displaced.T @ self._displaced + self._innovations.T @ self._innovations
         self._solver = splu(precision.tocsc())

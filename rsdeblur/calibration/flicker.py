@@ -31,55 +31,24 @@ SMALLEST = 64
 
 @dataclass(frozen=True, slots=True)
 class Flicker:
-    """Bands of a lamp in one or several pictures.
+    """Bands of a lamp in one or several pictures."""
 
-    Parameters
-    ----------
-    readout_time : float or None
-        Readout time in s; None if the pictures show no clear bands.
-    bands : float
-        Likeliest number of bands in the picture.
-    coherence : float
-        Share of the bands' power that all strips of the picture have in common, in [0, 1].
-    reason : str
-        Why `readout_time` is None; empty otherwise.
-    """
-
-    readout_time: float | None
-    bands: float
-    coherence: float
-    reason: str
+    readout_time: float | None  # s; None if the pictures show no clear bands
+    bands: float  # likeliest number of bands in the picture
+    coherence: float  # share of the bands' power that all strips of the picture have in common, in [0, 1]
+    reason: str  # why `readout_time` is None; empty otherwise
 
 
 def measure_flicker(
     images: Sequence[ArrayLike],
     *,
-    mains: float = 50.0,
-    horizontal: bool = False,
+    mains: float = 50.0,  # Hz; the lamp flickers at twice this frequency
+    horizontal: bool = False,  # whether the readout runs along the x axis
     transfer: Transfer | Auto = "auto",
 ) -> Flicker:
-    """Measure the readout time by the bands of a lamp.
+    """Measure the readout time by the bands of a lamp, in pictures of an evenly lit wall that are all of one size.
 
-    Parameters
-    ----------
-    images : sequence of array_like, each of shape (H, W) or (H, W, C)
-        Pictures of an evenly lit wall, all of one size. From several pictures of one scene the scene is removed.
-    mains : float, default 50.0
-        Frequency of the mains in Hz; the lamp flickers at twice this frequency.
-    horizontal : bool, default False
-        Whether the readout runs along the x axis.
-    transfer : {"auto", "linear", "srgb"} or float
-        How values encode light, as for :func:`rsdeblur.deblur`.
-
-    Returns
-    -------
-    Flicker
-        The readout time, or the reason why it is unknown.
-
-    Raises
-    ------
-    InputError
-        If there is no picture, one is too small, or their sizes differ.
+    From several pictures of one scene, the scene is removed.
     """
     mains = validate.finite("mains", mains, above=0.0)
     profiles = [_profiles(image, horizontal, transfer) for image in images]

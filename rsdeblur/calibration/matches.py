@@ -39,24 +39,17 @@ RETURN = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipMatches:
-    """Matches of all pairs of neighbouring frames of a clip.
+    """Matches of all pairs of neighbouring frames of a clip."""
 
-    Parameters
-    ----------
-    points, moved : ndarray, shape (n, 2)
-        (x, y) in px in the first and in the second frame of the pair.
-    pair : ndarray, shape (n,)
-        Number of the pair, not decreasing.
-    opens : ndarray, shape (pairs, 2)
-        Start of exposure of the row in the middle of both frames for a global shutter, s, camera time without offset.
-    durations : ndarray, shape (pairs, 2)
-        Exposure times of a row, s.
-    """
-
+    # (n, 2): (x, y) in px in the first frame of the pair, and in the second one.
     points: FloatArray
     moved: FloatArray
+    # (n,): number of the pair, not decreasing.
     pair: NDArray[np.intp]
+    # (pairs, 2): start of exposure of the middle row of both frames, if the shutter were global, s, camera time without
+    # offset.
     opens: FloatArray
+    # (pairs, 2): exposure times of a row, s.
     durations: FloatArray
 
     def thinned(self, count: int) -> ClipMatches:
@@ -163,17 +156,9 @@ def _sample(picture: Float32Array, places: FloatArray) -> Float32Array:
 def match_clip(
     frames: Iterable[ArrayLike], exposures: Sequence[Exposure], camera: Camera, progress: Progress | None = None
 ) -> ClipMatches:
-    """Return the matches of all neighbouring frames; times are relative to the first exposure's epoch.
+    """Return the matches of all neighbouring frames, with times relative to the first exposure's epoch.
 
-    Parameters
-    ----------
-    frames, exposures, camera, progress
-        See :func:`rsdeblur.calibrate`.
-
-    Raises
-    ------
-    InputError
-        See :func:`rsdeblur.calibrate`.
+    Arguments and errors are those of :func:`rsdeblur.calibrate`.
     """
     share = TIMESTAMP_SHARES[camera.timestamp_marks]
     # The empty arrays make the shapes right where there are no pairs.

@@ -31,18 +31,10 @@ LEAST_LEAD = 3.0
 
 
 class Candidate(NamedTuple):
-    """A mounting and an offset that may explain the rotation between frames.
+    """A mounting and an offset that may explain the rotation between frames."""
 
-    Parameters
-    ----------
-    mounting : ndarray, shape (3, 3)
-        Orthogonal matrix from IMU axes to camera axes; its determinant is -1 for a left-handed log.
-    offset : float
-        Camera time minus gyro time, s.
-    """
-
-    mounting: FloatArray
-    offset: float
+    mounting: FloatArray  # orthogonal, from IMU axes to camera axes; its determinant is -1 for a left-handed log
+    offset: float  # camera time minus gyro time, s
 
 
 def frame_rotations(matches: ClipMatches, camera: Camera) -> FloatArray:
@@ -62,25 +54,14 @@ def frame_rotations(matches: ClipMatches, camera: Camera) -> FloatArray:
 
 def candidates(
     matches: ClipMatches,
-    camera: Camera,
-    log: tuple[FloatArray, FloatArray],
-    search: tuple[float, float],
+    camera: Camera,  # start values of focal length and lens; its mounting is a candidate too
+    log: tuple[FloatArray, FloatArray],  # times (n,) on the matches' clock, s, and rates (n, 3), rad/s, IMU axes
+    search: tuple[float, float],  # first and last offset, s
     count: int,
 ) -> list[Candidate]:
     """Return the mountings and offsets whose rotation between frames agrees best with the seen one, the best first.
 
-    Parameters
-    ----------
-    matches : ClipMatches
-        The matches.
-    camera : Camera
-        Start values of focal length and lens. Its mounting is a candidate too.
-    log : (ndarray, ndarray), shapes (n,) and (n, 3)
-        Times in s from the origin of the matches' times, and rates in rad/s, IMU axes.
-    search : (float, float)
-        First and last offset, s.
-    count : int
-        Number of candidates. No two of them have one mounting and nearly one offset.
+    No two of them have one mounting and nearly one offset.
     """
     own = camera.imu_to_camera
     every = np.array([*mountings(), own][: None if mounting_name(own) == OBLIQUE else -1])
@@ -108,21 +89,9 @@ def candidates(
 
 
 def ranked(tried: Sequence[Candidate], fits: Sequence[ClipFit], matches: ClipMatches) -> tuple[int, int, float]:
-    """Compare fitted candidates by the errors of their points, pair by pair.
+    """Return the places of the best fitted candidate and of its best rival, and the confidence of its mounting.
 
-    Parameters
-    ----------
-    tried, fits : sequence
-        The candidates and their fits.
-    matches : ClipMatches
-        The matches that were fitted.
-
-    Returns
-    -------
-    best, rival : int
-        Places of the best one and of the best one that differs from it.
-    confidence : float
-        Confidence of the mounting.
+    Candidates are compared by the errors of their points in the `matches` that were fitted, pair by pair.
     """
     energy = np.array([(fit.residuals**2).sum(axis=1) for fit in fits])
     scale = np.median(energy, axis=1).min() + 1e-4

@@ -101,14 +101,9 @@ class Calibration:
 
 
 def confidence(leads: FloatArray, least: float) -> float:
-    """Return the share of resamplings of the observations in which every sum of leads exceeds the least one.
+    """Return the share of resamplings of the observations in which every sum of leads exceeds the `least` one.
 
-    Parameters
-    ----------
-    leads : ndarray, shape (rivals, observations)
-        Lead over each rival, nats.
-    least : float
-        Least lead, nats.
+    Leads (rivals, observations) over each rival, and the least one, are in nats.
     """
     count = leads.shape[1]
     draws = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), RESAMPLES)

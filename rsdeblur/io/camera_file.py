@@ -11,7 +11,7 @@ from rsdeblur._util import validate
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.io.source import Source
 from rsdeblur.motion.camera import UNKNOWN_READOUT, Camera
-from rsdeblur.motion.plausible import doubts
+from rsdeblur.motion.camera_values import doubts
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,9 @@ import numpy as np
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from rsdeblur._util import ffmpeg, validate
+from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write
-from rsdeblur._util.files import read_file
+from rsdeblur._util.files import ffmpeg_input, read_file
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io import gyroflow, kalibr
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished
@@ -297,7 +297,7 @@ def _video_size(source: Source) -> tuple[int, int] | None:
     except ModuleNotFoundError:
         return None
     try:
-        with av.open(**ffmpeg.existing(source.path)) as container:
+        with av.open(**ffmpeg_input(source.path)) as container:
             stream = container.streams.video[0]
             return stream.width, stream.height
     except (OSError, ValueError, IndexError, av.FFmpegError):

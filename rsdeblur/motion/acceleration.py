@@ -14,8 +14,6 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.sensor_log import SensorLog
 from rsdeblur.types import FloatArray
 
-# m/s^2. No accelerometer gives larger numbers, whatever the unit.
-LARGEST_FORCE = 1e12
 # Time before and after an exposure over which the force is averaged, s: hands accelerate a camera to and fro.
 AROUND = 0.25
 # Least share of gravity in the plane of the picture that tells where its bottom is: the camera looks at most 60 degrees
@@ -55,7 +53,6 @@ class AccelerationLog(SensorLog):
     SENSOR: ClassVar = "accelerometer"
     UNIT: ClassVar = "m/s^2"
     VALUES: ClassVar = "force"
-    LARGEST: ClassVar = LARGEST_FORCE
 
     t: FloatArray
     force: FloatArray
@@ -73,10 +70,8 @@ class AccelerationLog(SensorLog):
 
         Parameters
         ----------
-        camera : Camera
-            The camera.
-        exposure : Exposure
-            The exposure.
+        camera, exposure
+            The camera, and the time of the picture.
 
         Returns
         -------

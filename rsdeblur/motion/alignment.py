@@ -25,11 +25,12 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import (
     FIXED_POINT_STEPS,
     ROW_SAMPLES_PER_PIXEL,
+    ROWS_TOGETHER,
     SAMPLES_PER_PIXEL,
     BlurPaths,
     Capture,
+    small_angle_displacements,
 )
-from rsdeblur.motion.small_angle import small_angle_displacements
 from rsdeblur.motion.track import MOST_RECORDED, OrientationTrack, check_samples
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
@@ -37,8 +38,6 @@ from rsdeblur.types import FloatArray
 # Steps of the fixed-point iteration from the row of a point in one frame to its row in another. The rows may be
 # hundreds apart, which takes some steps more than within a frame.
 STEPS_BETWEEN_FRAMES = FIXED_POINT_STEPS + 3
-# Rows traced at a time, which bounds the memory for their orientations.
-ROWS_TOGETHER = 64
 # Distance of the rows that are traced where the paths of all rows are needed. Interpolated ones are within 0.003 px of
 # the traced ones even where 120 rows take 30 ms to read.
 ROW_STEP = 4
@@ -53,33 +52,11 @@ def burst_captures(
     motion: Motion = "rotation",
     softness: float = 0.0,
 ) -> list[Capture]:
-    """Return the captures of several exposures, whose orientations count from one moment.
+    """Return the captures of several exposures, in any order, whose orientations count from one moment.
 
-    Parameters
-    ----------
-    log : GyroLog
-        Rates that cover all exposures and the times between them.
-    camera : Camera
-        Camera with readout along y.
-    exposures : sequence of Exposure
-        Time of each frame, in any order.
-    translation : Translation, optional
-        Positions that cover all exposures.
-    motion : {"rotation", "small-angle"}
-        Model of the paths within each exposure, see :class:`rsdeblur.motion.Capture`. Frames are aligned by the full
-        rotation.
-    softness : float, default 0.0
-        Blur of lens, pixels and demosaicing, px, see :class:`rsdeblur.motion.Capture`.
-
-    Returns
-    -------
-    list of Capture
-        One for each exposure.
-
-    Raises
-    ------
-    InputError, CoverageError, ClockError, GapError
-        As :meth:`rsdeblur.motion.Capture.from_log`.
+    The log and the translation must cover all exposures and the times between them. `motion` is the model of the paths
+    within each exposure; frames are aligned by the full rotation. Errors are those of
+    :meth:`rsdeblur.motion.Capture.from_log`.
     """
     epoch = exposures[0].epoch_ns
     moved = [replace(e, start=e.start + 1e-9 * (e.epoch_ns - epoch), epoch_ns=epoch) for e in exposures]
@@ -105,29 +82,15 @@ def _during(track: OrientationTrack, opens: float, closes: float) -> Orientation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """A frame of a burst and the frame that it is referred to.
-
-    Parameters
-    ----------
-    capture, reference : Capture
-        The frame and the reference, from :func:`burst_captures`.
-    """
+    """A frame of a burst, and the reference that it is referred to; both are from :func:`burst_captures`."""
 
     capture: Capture
     reference: Capture
 
     def places(self, points: FloatArray) -> FloatArray:
-        """Return where the frame shows what the reference shows at given points, both at mid-exposure.
+        """Return where the frame shows what the reference shows at `points` (..., 2), both at mid-exposure.
 
-        Parameters
-        ----------
-        points : ndarray, shape (..., 2)
-            (x, y) in px of the reference.
-
-        Returns
-        -------
-        ndarray, shape (..., 2)
-            (x, y) in px of the frame; NaN where its lens does not show the point.
+        Places are (x, y) in px; they are NaN where the frame's lens does not show the point.
         """
         if self.capture is self.reference:
             return points
@@ -136,15 +99,13 @@ class Alignment:
         world = np.einsum("...ji,...j->...i", orientation, self.reference.points(points)) + self.reference.position(mid)
         return _project(self.capture, world, points, STEPS_BETWEEN_FRAMES)
 
-    def paths(self, rows: FloatArray, cols: FloatArray) -> BlurPaths:
-        """Return the paths of the resampled frame on a grid of the reference.
-
-        Parameters
-        ----------
-        rows, cols : ndarray, shape (B,) and (S,)
-            Grid in px.
-        """
-        return self._paths(rows, cols, SAMPLES_PER_PIXEL)
+    def paths(self, rows: FloatArray, cols: FloatArray, per_pixel: float = SAMPLES_PER_PIXEL) -> BlurPaths:
+        """Return the paths of the resampled frame at the rows (B,) and columns (S,) of the reference, px."""
+        # Two samples per gyro interval follow every bend of the track. Their paths' lengths give the final number.
+        samples = 2 * len(self.capture.track.t) + 1
+        coarse = BlurPaths(self._displacements(rows, cols, samples), rows, cols)
+        samples = max(samples, int(np.ceil(per_pixel * coarse.lengths.max())) + 1)
+        return BlurPaths(self._displacements(rows, cols, samples), rows, cols, self.capture.softness)
 
     def every_row(self, first: int, stop: int, cols: FloatArray) -> BlurPaths:
         """Return the paths of the rows `first` to `stop` - 1 of the reference.
@@ -152,20 +113,13 @@ class Alignment:
         Every `ROW_STEP`-th row is traced; between them, paths are interpolated linearly.
         """
         traced = np.append(np.arange(float(first), stop - 1, ROW_STEP), stop - 1.0)
-        nodes = self._paths(traced, cols, ROW_SAMPLES_PER_PIXEL)
+        nodes = self.paths(traced, cols, ROW_SAMPLES_PER_PIXEL)
         rows = np.arange(float(first), stop)
         above = np.minimum((rows - first).astype(np.intp) // ROW_STEP, max(len(traced) - 2, 0))
         below = np.minimum(above + 1, len(traced) - 1)
         part = (rows - traced[above]) / np.maximum(traced[below] - traced[above], 1.0)
         before, after = nodes.displacements[above], nodes.displacements[below]
         return BlurPaths(before + part[:, None, None, None] * (after - before), rows, cols, nodes.softness)
-
-    def _paths(self, rows: FloatArray, cols: FloatArray, per_pixel: float) -> BlurPaths:
-        # Two samples per gyro interval follow every bend of the track. Their paths' lengths give the final number.
-        samples = 2 * len(self.capture.track.t) + 1
-        coarse = BlurPaths(self._displacements(rows, cols, samples), rows, cols)
-        samples = max(samples, int(np.ceil(per_pixel * coarse.lengths.max())) + 1)
-        return BlurPaths(self._displacements(rows, cols, samples), rows, cols, self.capture.softness)
 
     def _displacements(self, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
         paths = np.empty((len(rows), len(cols), samples, 2))

@@ -10,6 +10,9 @@ import numpy as np
 from rsdeblur.errors import InputError
 from rsdeblur.types import FloatArray
 
+# Names for users; calibration and readers of logs use the others.
+__all__ = ["imu_to_camera", "orientation"]
+
 # Gyroflow's axes are x up, y left, z back; the camera's are x right, y down, z forward.
 GYROFLOW_TO_CAMERA = ((0, -1, 0), (-1, 0, 0), (0, 0, -1))
 
@@ -97,17 +100,9 @@ def rotations() -> list[FloatArray]:
 
 
 def letters(matrix: FloatArray) -> str:
-    """Return the orientation string of a mounting whose axes are parallel to the camera's.
+    """Return the orientation string that :func:`imu_to_camera` turns into `matrix`.
 
-    Parameters
-    ----------
-    matrix : ndarray, shape (3, 3)
-        From IMU axes to camera axes: a signed permutation, which may mirror.
-
-    Returns
-    -------
-    str
-        String whose matrix :func:`imu_to_camera` returns.
+    The matrix, from IMU axes to camera axes, is a signed permutation, which may mirror.
     """
     rows = np.array(GYROFLOW_TO_CAMERA, dtype=np.float64).T @ matrix
     names = ["XYZ"[int(np.abs(row).argmax())] for row in rows]

@@ -262,7 +262,6 @@ class Camera:
         Returns
         -------
         Camera
-            The same camera for the resized picture.
 
         Raises
         ------
@@ -283,7 +282,6 @@ class Camera:
         Returns
         -------
         Camera
-            The same camera for the resized picture.
 
         Raises
         ------
@@ -336,7 +334,6 @@ class Camera:
         Returns
         -------
         Camera
-            The same camera for the part.
 
         Raises
         ------
@@ -427,7 +424,6 @@ class Camera:
         Returns
         -------
         Camera
-            The camera.
 
         Raises
         ------

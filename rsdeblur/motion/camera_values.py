@@ -1,8 +1,9 @@
-"""Checks of the numbers of a :class:`~rsdeblur.motion.camera.Camera`; all raise `InputError`."""
+"""Numbers of a :class:`~rsdeblur.motion.camera.Camera`: checks, which raise `InputError`, and doubts."""
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,9 @@ from rsdeblur.errors import InputError
 from rsdeblur.motion import axes, lens
 from rsdeblur.types import FloatArray
 
+if TYPE_CHECKING:
+    from rsdeblur.motion.camera import Camera
+
 # Largest width and height, px. The widest panoramas have a tenth of that, and every row has a pose.
 MOST_PIXELS = 1_000_000
 
@@ -21,6 +25,11 @@ LARGEST = 1e12
 
 # Largest deviation from orthonormality. A rotation typed with four decimals deviates by 1e-4.
 ROTATION_TOLERANCE = 1e-3
+
+# Degrees along the longer side. Without fisheye distortion no lens for photos sees more; long telescopes see less.
+WIDEST, NARROWEST = 150.0, 3.0
+# s. The slowest sensors of cameras take 0.1 s.
+LONGEST_READOUT = 0.2
 
 
 def pixels(name: str, value: Any, *, minimum: int = 1) -> int:
@@ -71,3 +80,36 @@ def rotation(value: ArrayLike | str) -> FloatArray:
             "whose direction was guessed, so that the determinant is +1"
         )
     return matrix
+
+
+def doubts(camera: Camera) -> list[str]:
+    """Return a sentence for each value that is probably a mistake, with the probable intent."""
+    found = [] if (wide := too_wide(camera)) is None else [wide]
+    fx, fy = camera.focal_length
+    if (view := _field_of_view(camera)) < NARROWEST:
+        found.append(
+            f"a focal length of {max(fx, fy):g} px means a field of view of {view:.2g} degrees; was it measured in a "
+            "larger picture?"
+        )
+    if camera.readout_time > LONGEST_READOUT:
+        seconds = camera.readout_time
+        found.append(f"a readout time of {seconds:g} s is longer than that of any camera; did you mean {seconds:g} ms?")
+    return found
+
+
+def too_wide(camera: Camera) -> str | None:
+    """Return why the focal length is probably not in px; None if it may be."""
+    view = _field_of_view(camera)
+    if camera.distortion_model == "fisheye" or view <= WIDEST:
+        return None
+    return (
+        f"a focal length of {min(camera.focal_length):g} px means a field of view of {view:.1f} degrees; is it in mm? "
+        "It must be in px: give the 35 mm equivalent (rsdeblur camera new --focal35), or divide it by the width of a "
+        "pixel on the sensor"
+    )
+
+
+def _field_of_view(camera: Camera) -> float:
+    """Return the angle along the longer side in degrees, without distortion."""
+    fx, fy = camera.focal_length
+    return math.degrees(2 * math.atan(max(camera.width / fx, camera.height / fy) / 2))

@@ -60,7 +60,6 @@ class Exposure:
         Returns
         -------
         Exposure
-            The exposure that is `dt` later.
 
         Raises
         ------

@@ -12,16 +12,14 @@ from numpy.typing import ArrayLike
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import RsdeblurWarning
-from rsdeblur.motion.sensor_log import SensorLog
+from rsdeblur.motion.sensor_log import LARGEST, SensorLog
 from rsdeblur.types import FloatArray
 
 # rad/s. The range of a consumer gyro ends at 2000 deg/s = 34.9 rad/s, and nobody takes a photo during a sustained turn
 # of 5 rad/s (286 deg/s; the fastest pan measured is 3.3 rad/s). A log beyond either is probably in degrees per second.
 SUSPICIOUS_PEAK = 35.0
 SUSPICIOUS_MEDIAN = 5.0
-
-# rad/s. No gyro gives larger numbers, whatever the unit, and the squares of these do not overflow.
-LARGEST_RATE = 1e12
+LARGEST_RATE = LARGEST
 
 
 @one_line("t", "rate", "span", "epoch_ns")
@@ -62,7 +60,6 @@ class GyroLog(SensorLog):
     SENSOR: ClassVar = "gyro"
     UNIT: ClassVar = "rad/s"
     VALUES: ClassVar = "omega"
-    LARGEST: ClassVar = LARGEST_RATE
 
     t: FloatArray
     omega: FloatArray
@@ -70,9 +67,6 @@ class GyroLog(SensorLog):
 
     def __post_init__(self) -> None:
         self._check()
-        self._warn_if_degrees()
-
-    def _warn_if_degrees(self) -> None:
         magnitude = np.sqrt(np.einsum("ij,ij->i", self.omega, self.omega))
         median, peak = float(np.median(magnitude)), float(magnitude.max())
         if median > SUSPICIOUS_MEDIAN or peak > SUSPICIOUS_PEAK:
@@ -80,7 +74,7 @@ class GyroLog(SensorLog):
                 f"gyro rates look like degrees per second (median {median:.3g}, peak {peak:.3g}, taken as rad/s); "
                 "if they are, multiply by pi/180, or read the log with unit='deg/s' (--unit deg/s)",
                 RsdeblurWarning,
-                stacklevel=4,
+                stacklevel=3,
             )
 
     def minus_bias(self, b: ArrayLike) -> GyroLog:
@@ -94,7 +88,6 @@ class GyroLog(SensorLog):
         Returns
         -------
         GyroLog
-            The log without the bias.
 
         Raises
         ------

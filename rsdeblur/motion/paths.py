@@ -37,7 +37,6 @@ from rsdeblur.motion.camera_values import MOST_PIXELS
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.row_poses import RowPoses
-from rsdeblur.motion.small_angle import small_angle_displacements
 from rsdeblur.motion.track import OrientationTrack
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
@@ -133,7 +132,6 @@ class Capture:
         Returns
         -------
         Capture
-            The capture.
 
         Raises
         ------
@@ -333,7 +331,6 @@ class BlurPaths:
         Returns
         -------
         BlurPaths
-            Paths on the grid.
 
         Raises
         ------
@@ -486,3 +483,18 @@ def _small_angle_paths(
     reference = capture.mid(rows) if geometry == "keep" else np.repeat(capture.middle, len(rows))
     depth = capture.depth(np.stack(np.meshgrid(cols, rows), axis=-1))
     return small_angle_displacements(capture, capture.times(rows, samples)[:, None], reference[:, None], depth)
+
+
+def small_angle_displacements(
+    capture: Capture, times: FloatArray, reference: FloatArray, depth: FloatArray
+) -> FloatArray:
+    """Return displacements (..., T, 2), px, at `times` (..., T) from a `reference` time (...) on, for small angles.
+
+    This is the approximation of Sindelar and Sroubek (2013), eq. 6; `depth` (...) is that of :meth:`Capture.depth`.
+    """
+    angles = capture.track.angles(times) - capture.track.angles(reference)[..., None, :]
+    shifts = capture.position(times) - capture.position(reference)[..., None, :]
+    # The picture moves by f (-theta_y, +theta_x), and opposite to the camera's translation.
+    turns = np.stack([-angles[..., 1], angles[..., 0]], axis=-1)
+    d: FloatArray = (turns - shifts[..., :2] / depth[..., None, None]) * capture.camera.focal_length
+    return d

@@ -7,11 +7,8 @@ from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share
 from rsdeblur.kernels.resample import sample, to_spline
-from rsdeblur.motion.paths import FIXED_POINT_STEPS, Capture
+from rsdeblur.motion.paths import FIXED_POINT_STEPS, ROWS_TOGETHER, Capture
 from rsdeblur.types import FloatArray
-
-# Rows mapped at a time, which bounds the memory for the float64 coordinates to some MB.
-CHUNK = 64
 
 
 def rectify(
@@ -45,14 +42,14 @@ def rectify(
     coverage = np.empty((height, width), dtype=np.bool_)
 
     def part(_: int, top: int) -> None:
-        rows = slice(top, min(top + CHUNK, height))
+        rows = slice(top, min(top + ROWS_TOGETHER, height))
         x, y = _sources(np.arange(rows.start, rows.stop), width, capture)
         coverage[rows] = (x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5)
         # The mirrored spline is exact at the border pixels, which are repeated beyond the picture.
         across, down = x.clip(0, width - 1).astype(np.float32), y.clip(0, height - 1).astype(np.float32)
         out[rows] = sample(spline, across, down, threads=1)
 
-    share(part, range(0, height, CHUNK), threads)
+    share(part, range(0, height, ROWS_TOGETHER), threads)
     return out, coverage
 
 

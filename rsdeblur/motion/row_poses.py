@@ -13,18 +13,10 @@ from rsdeblur.types import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RowPoses:
-    """Camera poses at the mid-exposures of all rows, for projection.
-
-    Parameters
-    ----------
-    camera : Camera
-        The camera, with a picture of H rows.
-    matrices : ndarray, shape (2 H, 12)
-        Matrices `C(mid(y)) [I | -P(mid(y))]` for the rows y from -H/2 on.
-    """
+    """Camera poses at the mid-exposures of all H rows of a picture, for projection."""
 
     camera: Camera
-    matrices: FloatArray
+    matrices: FloatArray  # (2 H, 12): C(mid(y)) [I | -P(mid(y))] for the rows y from -H/2 on
 
     def paths(
         self,
@@ -35,21 +27,11 @@ class RowPoses:
         *,
         steps: int,
     ) -> FloatArray:
-        """Return the displacements of pixels on a grid, by fixed-point iteration over the rows that they fall on.
+        """Return the displacements (B, S, T, 2) of pixels on a grid, (x, y) in px; NaN where the lens shows nothing.
 
-        Parameters
-        ----------
-        orientation, position, scene
-            See :func:`rsdeblur.kernels.poses.pinhole_paths`.
-        grid : (ndarray, ndarray)
-            Rows (B,) and columns (S,), px.
-        steps : int
-            Steps of the iteration, which begins at the row of the pixel.
-
-        Returns
-        -------
-        ndarray, shape (B, S, T, 2)
-            Displacements (x, y) in px; NaN where the lens shows nothing.
+        `grid` contains B rows and S columns in px; the other arguments are those of
+        :func:`rsdeblur.kernels.poses.pinhole_paths`. The fixed-point iteration over the rows that points fall on begins
+        at the row of the pixel.
         """
         if self.camera.distortion_model == "none":
             pinhole = *self.camera.focal_length, *self.camera.principal_point
@@ -64,22 +46,11 @@ class RowPoses:
         return displacements
 
     def project(self, world: FloatArray, rows: FloatArray) -> FloatArray:
-        """Return the pixels at which points appear, each with the pose of a row.
+        """Return the pixels (x, y), shape (..., 2), at which points `world` (..., 3) appear by the poses of `rows`.
 
-        Poses are interpolated linearly between rows; from row to row they differ by at most 1e-4 rad in a picture of
-        thousands of rows.
-
-        Parameters
-        ----------
-        world : ndarray, shape (..., 3)
-            Directions in world axes, or points in units of the scene's depth.
-        rows : ndarray, shape (...)
-            Rows in px, fractions allowed.
-
-        Returns
-        -------
-        ndarray, shape (..., 2)
-            (x, y) in px.
+        Points are directions in world axes, or places in units of the scene's depth. Poses are interpolated linearly
+        between rows, which may be fractions; from row to row they differ by at most 1e-4 rad in a picture of thousands
+        of rows.
         """
         # A point that the lens does not show has no row: any pose will do, as its position stays NaN.
         return self.camera.project(row_directions(world, rows, self.matrices))

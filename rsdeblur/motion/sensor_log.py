@@ -10,6 +10,9 @@ from rsdeblur._util import validate
 from rsdeblur.errors import ClockError, CoverageError, GapError, InputError
 from rsdeblur.types import FloatArray
 
+# rad/s or m/s^2. No sensor gives larger numbers, whatever the unit, and the squares of these do not overflow.
+LARGEST = 1e12
+
 # s. A log further than this from the exposure is neither late nor early: its clock has another origin.
 UNRELATED_CLOCK = 60.0
 
@@ -28,7 +31,6 @@ class SensorLog:
     SENSOR: ClassVar[str]
     UNIT: ClassVar[str]
     VALUES: ClassVar[str]
-    LARGEST: ClassVar[float]
 
     t: FloatArray
     epoch_ns: int
@@ -42,8 +44,8 @@ class SensorLog:
             raise InputError(f"t and {name} must have the same length, got {len(t)} and {len(values)}")
         if len(t) < 2:
             raise InputError(f"a log needs at least 2 samples, got {len(t)}")
-        if max(values.max(), -values.min()) > self.LARGEST:
-            i, axis = map(int, np.argwhere(np.abs(values) > self.LARGEST)[0])
+        if max(values.max(), -values.min()) > LARGEST:
+            i, axis = map(int, np.argwhere(np.abs(values) > LARGEST)[0])
             raise InputError(f"{name} must be in {self.UNIT}, got {values[i, axis]:g} in {'xyz'[axis]} of sample {i}")
         step = np.diff(t)
         if step.min() <= 0:
@@ -128,7 +130,6 @@ class SensorLog:
         Returns
         -------
         Self
-            The log that is `dt` later.
 
         Raises
         ------
@@ -156,7 +157,6 @@ class SensorLog:
         Returns
         -------
         Self
-            Part of the log.
 
         Raises
         ------
@@ -185,7 +185,6 @@ class SensorLog:
         Returns
         -------
         Self
-            Part of the log, with the new epoch.
 
         Raises
         ------

@@ -29,51 +29,20 @@ class OrientationTrack:
 
     Rates are interpolated linearly between samples. Each step is the rotation of the fourth-order Magnus expansion, so
     `C` stays a rotation, and a constant rate is integrated without error.
-
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        Sample times in s, camera time.
-    omega : ndarray, shape (n, 3)
-        Rates in rad/s, camera axes.
-    rotations : ndarray, shape (n, 3, 3)
-        `C(t[i])`; the first is the identity.
     """
 
-    t: FloatArray
-    omega: FloatArray
-    rotations: FloatArray
+    t: FloatArray  # (n,), s, camera time
+    omega: FloatArray  # (n, 3), rad/s, camera axes
+    rotations: FloatArray  # (n, 3, 3), C(t[i]); the first is the identity
 
     @classmethod
     def from_log(
         cls, log: GyroLog, camera: Camera, t0: float, t1: float, epoch_ns: int, *, most: int = MOST_SAMPLES
     ) -> OrientationTrack:
-        """Return the track over a span of time, integrated from a gyro log.
+        """Return the track from the last sample before `t0` to the first one after `t1`, integrated from a gyro log.
 
-        Parameters
-        ----------
-        log : GyroLog
-            Rates that cover the span.
-        camera : Camera
-            The camera, with the orientation of the IMU and its time offset.
-        t0, t1 : float
-            Span in camera time, s relative to `epoch_ns`.
-        epoch_ns : int
-            Origin of the track's times in nanoseconds.
-        most : int
-            Most samples in the span.
-
-        Returns
-        -------
-        OrientationTrack
-            Track from the last sample before `t0` to the first one after `t1`.
-
-        Raises
-        ------
-        InputError
-            If there are more than `most` samples in the span.
-        CoverageError, ClockError, GapError
-            See :meth:`GyroLog.covering`.
+        Times are camera time, in s relative to `epoch_ns`. Raise `InputError` if there are more than `most` samples,
+        and the errors of :meth:`GyroLog.covering`.
         """
         # camera_time = gyro_time + time_offset
         log = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
@@ -86,32 +55,13 @@ class OrientationTrack:
         return cls(t, omega, integrated(t, omega))
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Return the orientation at given times.
-
-        Parameters
-        ----------
-        times : ndarray
-            Times in s within the track; any shape.
-
-        Returns
-        -------
-        ndarray, shape ``times.shape + (3, 3)``
-            Matrices `C`.
-        """
+        """Return the matrices `C`, ``times.shape + (3, 3)``, at times within the track, s."""
         return orientations(times, self.t, self.omega, self.rotations)
 
     def angles(self, times: FloatArray) -> FloatArray:
-        """Return the integral of the rates since the first sample, the small-angle approximation of the rotation.
+        """Return the integral of the rates since the first sample, rad, shape ``times.shape + (3,)``.
 
-        Parameters
-        ----------
-        times : ndarray
-            Times in s within the track; any shape.
-
-        Returns
-        -------
-        ndarray, shape ``times.shape + (3,)``
-            Angles in rad about the camera's axes, in no order of rotations.
+        It is the small-angle approximation of the rotation, which has no order of axes. Times are within the track, s.
         """
         i = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
         elapsed = times - self.t[i]

@@ -79,10 +79,8 @@ class Trajectory:
 
         Parameters
         ----------
-        exposure : Exposure
-            The exposure.
-        camera : Camera
-            The camera.
+        exposure, camera
+            The time of the exposure, and the camera.
         depth : float or ndarray, shape (R, C)
             Distance of the scene along the optical axis in m, or a map of it, see :class:`rsdeblur.Translation`.
         axes : str, default "camera"

@@ -11,13 +11,14 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.camera_values import MOST_PIXELS
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.types import FloatArray
 
 # s. Times relative to different epochs differ by less, from rounding; clocks count in it.
 CLOCK_TICK = 1e-9
-# Largest drift during an exposure, px, and largest acceleration, px/s^2.
-MOST_DRIFT, MOST_ACCELERATION = 1e6, 1e9
+# Largest acceleration, px/s^2.
+MOST_ACCELERATION = 1e9
 # Times of an exposure between which accelerated motion is straight: a thousandth of its bend is lost.
 PARABOLA_SAMPLES = 33
 # Density of the map of depths of a part of the picture, relative to that of the whole map in the whole picture. Between
@@ -131,7 +132,7 @@ class Translation:
             validate.instance("known", known, Translation)
         else:
             known = cls(np.array([opens - margin, closes + margin]), np.zeros((2, 3)), 1.0, exposure.epoch_ns)
-        px = validate.real_array("px", px, (2,), most=MOST_DRIFT)
+        px = validate.real_array("px", px, (2,), most=MOST_PIXELS)
         acceleration = validate.real_array("acceleration", acceleration, (2,), most=MOST_ACCELERATION)
         # The scene moves against the camera.
         px, acceleration = (

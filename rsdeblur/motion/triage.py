@@ -52,12 +52,10 @@ class Triage:
     @property
     def decisions(self) -> tuple[Decision, ...]:
         """Decision for each exposure: "keep", "deblur", "drop", or "unknown" where the blur is."""
-        return tuple(self._decision(length) for length in self.lengths)
-
-    def _decision(self, length: float) -> Decision:
-        if np.isnan(length):
-            return "unknown"
-        return "keep" if length <= self.keep else "deblur" if length <= self.drop else "drop"
+        return tuple(
+            "unknown" if np.isnan(n) else "keep" if n <= self.keep else "deblur" if n <= self.drop else "drop"
+            for n in self.lengths
+        )
 
     @property
     def counts(self) -> dict[Decision, int]:
@@ -82,10 +80,8 @@ def triage(
 
     Parameters
     ----------
-    log : GyroLog
+    log, camera
         The recording.
-    camera : Camera
-        The camera.
     exposures : sequence of Exposure
         The exposures, in any order.
     keep : float, default 1.5
@@ -134,13 +130,7 @@ def check_thresholds(keep: float, drop: float) -> tuple[float, float]:
 
 
 def blur_of(log: GyroLog, camera: Camera, exposure: Exposure) -> tuple[float, str | None]:
-    """Return the length in px of the longest path in a picture; NaN and the reason where the log does not describe it.
-
-    Parameters
-    ----------
-    log, camera, exposure
-        The recording.
-    """
+    """Return the length in px of the longest path; NaN and the reason where the log does not describe the exposure."""
     try:
         upright = camera.turned() if camera.horizontal_readout else camera
         return float(Capture.from_log(log, upright, exposure).probe.lengths.max()), None

@@ -31,11 +31,9 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.translation import Translation
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult, plan, plan_for
+from rsdeblur.pipeline.tiles import NSR as NSR
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Denoiser, Progress
-
-# Noise-to-signal ratio that decides the automatic numbers of tiles when there is no picture to derive it from.
-NSR = 0.01
 
 
 def deblur(
@@ -198,32 +196,12 @@ def deblur(
     ((72, 96, 3), 'good')
     """
     options = Options(
-        quality=quality,
-        mode=mode,
-        bands=bands,
-        strips=strips,
-        prior=prior,
-        weight=weight,
-        exponent=exponent,
-        nsr=nsr,
-        noise=noise,
-        solver=solver,
-        chroma=chroma,
-        geometry=geometry,
-        border=border,
-        motion=motion,
-        translation=translation,
-        softness=softness,
-        refine=refine,
-        transfer=transfer,
-        normalize=normalize,
-        saturation=saturation,
-        check=check,
-        fallback=fallback,
-        planning=planning,
-        threads=threads,
+        quality=quality, mode=mode, bands=bands, strips=strips, prior=prior, weight=weight, exponent=exponent, nsr=nsr,
+        noise=noise, solver=solver, chroma=chroma, geometry=geometry, border=border, motion=motion,
+        translation=translation, softness=softness, refine=refine, transfer=transfer, normalize=normalize,
+        saturation=saturation, check=check, fallback=fallback, planning=planning, threads=threads,
         max_memory=max_memory,
-    )
+    )  # fmt: skip
     planned = plan_for(image, log, camera, exposure, options, progress=progress)
     return planned.apply(image, out=out, progress=progress)
 

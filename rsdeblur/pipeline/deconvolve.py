@@ -103,8 +103,7 @@ def deconvolve_with(
     bands, strips = bank.kernels.shape[:2]
     (split,) = split_highlights([encoded], options, [bank], clock)
     with clock.stage("tune"):
-        one_psf = mode_of(bank) == "global"
-        strengths = derive_strengths(split, options, bank, one_psf=one_psf)
+        strengths = derive_strengths(split, options, bank)
     solve_chunks(split, channelled, PictureSolver(options, strengths, bank), clock)
     return DeblurResult(
         image=out,

@@ -47,10 +47,7 @@ TRANSFORM_EXCESS = 1.1
 def plan_chunks(solver: ChunkSolver, shape: tuple[int, int, int], max_memory: int | None) -> list[Chunk]:
     """Return the fewest chunks of a picture that need at most `max_memory` bytes each.
 
-    Raises
-    ------
-    InputError
-        If the smallest chunk needs more.
+    If even the smallest chunks need more, raise `InputError`.
     """
     height, bank, options = shape[0], solver.bank, solver.options
     if max_memory is None:

@@ -24,10 +24,10 @@ from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.image.undershoot import UndershootMeter
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.camera_values import too_wide
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
-from rsdeblur.motion.plausible import too_wide
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import PictureSolver, Strengths, chroma_of
 from rsdeblur.pipeline.stages import StageClock
@@ -143,7 +143,6 @@ class Plan:
         Returns
         -------
         Plan
-            Plan of this capture.
 
         Raises
         ------
@@ -151,7 +150,8 @@ class Plan:
             As :func:`rsdeblur.deblur`.
         """
         clock = StageClock()
-        return self._prepared(self._split(self._encoded(image), clock), clock)
+        strengths, bank = self._prepared(self._split(self._encoded(image), clock), clock)
+        return replace(self, strengths=strengths, bank=bank)
 
     def apply(
         self, image: ArrayLike, *, out: NDArray[Any] | None = None, progress: Progress | None = None
@@ -184,38 +184,28 @@ class Plan:
         # What the check needs of the blurred picture is measured while other steps leave a processor free.
         weigh = partial(MotionEvidence.of, encoded, self.capture, threads=1)
         with beside(weigh, threads if self.options.judges else 1) as evidence:
-            ready = self._prepared(split, clock, light)
-            coverage = ready._solve(split, light, upright, meter, clock)
+            strengths, bank = self._prepared(split, clock, light)
+            solver = PictureSolver(self.options, strengths, bank, self.capture)
+            judging = meter if self.options.judges else None
+            coverage = solve_chunks(split, upright, solver, clock, light=light, meter=judging, capture=self.capture)
             del light
             check = judged(encoded, upright, evidence, meter, self.options, clock)
-        return ready._result(out, encoded, coverage, check, clock)
-
-    def _result(
-        self,
-        out: NDArray[Any],
-        encoded: EncodedImage,
-        coverage: NDArray[np.bool_],
-        check: QualityCheck | None,
-        clock: StageClock,
-    ) -> DeblurResult:
-        assert self.strengths is not None
-        assert self.bank is not None
-        bands, strips = self.bank.kernels.shape[:2]
+        bands, strips = bank.kernels.shape[:2]
         mode = self.options.mode_in_effect
         return DeblurResult(
             image=out,
             transfer=encoded.transfer,
-            psfs=self.frame.bank(self.bank),
+            psfs=self.frame.bank(bank),
             bands=encoded.shape[0] if mode == "rowwise" else bands,
             strips=strips,
-            nsr=self.strengths.nsr,
-            weight=self.strengths.weight,
+            nsr=strengths.nsr,
+            weight=strengths.weight,
             coverage=self.frame.back(coverage),
             timings=self.spent | clock.timings,
             check=check,
-            noise=self.strengths.noise,
+            noise=strengths.noise,
             refinement=self.refinement,
-            chroma=chroma_of(self.options, self.bank.size, encoded.shape),
+            chroma=chroma_of(self.options, bank.size, encoded.shape),
             mode=mode,
             tile_error=tile_errors(self.capture)[0] ** 0.5,
         )
@@ -229,18 +219,19 @@ class Plan:
         """Separate the clipped highlights, if the options request it and there are any."""
         return split_highlights([encoded], self.options, [self.capture], clock)[0]
 
-    def _prepared(self, split: HighlightSplit, clock: StageClock, light: FloatImage | None = None) -> Plan:
-        """Return the plan with fixed strengths, derived from a picture if this plan has none, and fixed PSFs."""
-        strengths = self.strengths
+    def _prepared(
+        self, split: HighlightSplit, clock: StageClock, light: FloatImage | None = None
+    ) -> tuple[Strengths, PsfBank]:
+        """Return the strengths and the PSFs of this plan, or those that suit a picture where it has none."""
+        strengths, bank = self.strengths, self.bank
         if strengths is None:
             with clock.stage("tune"):
-                one_psf = self.options.has_one_psf
-                strengths = derive_strengths(split, self.options, self.capture, one_psf=one_psf, light=light)
-        elif self.bank is not None:
-            return self
+                strengths = derive_strengths(split, self.options, self.capture, light=light)
+        elif bank is not None:
+            return strengths, bank
         with clock.stage("psfs"):
             bank = PsfBank.from_paths(self.tile_paths(strengths.tile_nsr), threads=self.options.threads)
-        return replace(self, strengths=strengths, bank=bank)
+        return strengths, bank
 
     def tile_paths(self, nsr: float) -> BlurPaths:
         """Trace the paths of the PSFs in the upright frame.
@@ -251,21 +242,6 @@ class Plan:
             Noise-to-signal ratio that decides the automatic numbers of bands and strips.
         """
         return tile_paths(self.capture, self.options.mode_in_effect, self.options.bands, self.options.strips, nsr)
-
-    def _solve(
-        self,
-        split: HighlightSplit,
-        light: FloatImage | None,
-        out: NDArray[Any],
-        meter: UndershootMeter,
-        clock: StageClock,
-    ) -> NDArray[np.bool_]:
-        """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
-        assert self.strengths is not None
-        assert self.bank is not None
-        solver = PictureSolver(self.options, self.strengths, self.bank, self.capture)
-        judging = meter if self.options.judges else None
-        return solve_chunks(split, out, solver, clock, light=light, meter=judging, capture=self.capture)
 
 
 def captured(frame: ReadoutFrame, log: GyroLog, exposure: Exposure, options: Options) -> Capture:
@@ -333,26 +309,7 @@ def plan_for(
 ) -> Plan:
     """Plan the deblurring of one picture; with ``options.refine``, of the recording as corrected by it.
 
-    Parameters
-    ----------
-    image, log, camera, exposure
-        See :func:`rsdeblur.deblur`.
-    options : Options
-        All options.
-    known_axes : bool, default False
-        See :func:`rsdeblur.refine`.
-    progress : callable, optional
-        See :func:`rsdeblur.deblur`.
-
-    Returns
-    -------
-    Plan
-        See :func:`rsdeblur.plan`.
-
-    Raises
-    ------
-    InputError, CoverageError, ClockError, GapError
-        As :func:`rsdeblur.deblur`.
+    `known_axes` is that of :func:`rsdeblur.refine`; errors are those of :func:`rsdeblur.deblur`.
     """
     if not options.refine:
         return plan(log, camera, exposure, options)

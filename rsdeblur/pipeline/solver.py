@@ -24,44 +24,24 @@ from rsdeblur.types import FloatImage, StageProgress
 
 @dataclass(frozen=True, slots=True)
 class Strengths:
-    """Strengths of a solution, derived from a picture's noise and blur or set by the options.
-
-    Parameters
-    ----------
-    nsr : float
-        Noise-to-signal ratio.
-    weight : float or None
-        Weight of the prior; None for the Wiener filter.
-    peak : float
-        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
-    tile_nsr : float
-        Noise-to-signal ratio that decides the automatic numbers of bands and strips.
-    wavelet : WaveletPrior, optional
-        The learned prior with all its numbers; None for other priors.
-    noise : float, optional
-        Standard deviation of the picture's noise; None where no strength needed it.
-    """
+    """Strengths of a solution, derived from a picture's noise and blur or set by the options."""
 
     nsr: float
-    weight: float | None
-    peak: float
-    tile_nsr: float
-    wavelet: WaveletPrior | None = None
-    noise: float | None = None
+    weight: float | None  # None for the Wiener filter
+    peak: float  # value of the picture's bright parts, see `rsdeblur.deconv.priors.brightness`
+    tile_nsr: float  # decides the automatic numbers of bands and strips
+    wavelet: WaveletPrior | None = None  # the learned prior with all its numbers; None for other priors
+    noise: float | None = None  # standard deviation in linear light; None where no strength needed it
 
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Rows `source` of the picture, solved with the PSFs of `bank` for the rows `target` of the result.
-
-    The places in `bank` count from the first row of `source`. `half` holds the PSFs of the colours at half the size, if
-    they are not those of :func:`rsdeblur.deconv.chroma.halved`. "rowwise" traces paths of its own.
-    """
+    """Rows `source` of the picture, solved for the rows `target` of the result."""
 
     source: slice
     target: slice
-    bank: PsfBank
-    half: PsfBank | None = None
+    bank: PsfBank  # PSFs, at places counted from the first row of `source`; "rowwise" traces paths of its own
+    half: PsfBank | None = None  # PSFs of the colours at half size; None means those of `halved`
 
 
 class ChunkSolver(Protocol):
@@ -89,24 +69,12 @@ class ChunkSolver(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureSolver:
-    """Solver of one picture.
-
-    Parameters
-    ----------
-    options : Options
-        All options.
-    strengths : Strengths
-        The strengths in use.
-    bank : PsfBank
-        PSFs of the whole picture.
-    capture : Capture, optional
-        The motion that they come from, which "rowwise" needs.
-    """
+    """Solver of one picture."""
 
     options: Options
     strengths: Strengths
-    bank: PsfBank
-    capture: Capture | None = None
+    bank: PsfBank  # PSFs of the whole picture
+    capture: Capture | None = None  # the motion that they come from, which "rowwise" needs
 
     @property
     def count(self) -> int:

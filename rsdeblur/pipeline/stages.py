@@ -10,21 +10,10 @@ from rsdeblur.types import Progress, StageProgress
 
 
 class StageClock:
-    """Times the stages of one computation and reports their progress.
-
-    Parameters
-    ----------
-    progress : callable, optional
-        Called as ``progress(stage, fraction)``.
-
-    Attributes
-    ----------
-    timings : dict
-        Seconds spent in each stage so far.
-    """
+    """Times the stages of one computation and reports their progress."""
 
     def __init__(self, progress: Progress | None = None) -> None:
-        self.timings: dict[str, float] = {}
+        self.timings: dict[str, float] = {}  # s spent in each stage so far
         self._progress = progress
 
     @contextmanager

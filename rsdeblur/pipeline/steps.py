@@ -86,27 +86,12 @@ def split_highlights(
 
 
 def derive_strengths(
-    split: HighlightSplit,
-    options: Options,
-    blur: Blur,
-    *,
-    one_psf: bool,
-    light: FloatImage | None = None,
+    split: HighlightSplit, options: Options, blur: Blur, *, light: FloatImage | None = None
 ) -> Strengths:
-    """Return the strengths of a picture.
+    """Return the strengths of a picture; what the options set is not derived.
 
-    Parameters
-    ----------
-    split : HighlightSplit
-        The picture.
-    options : Options
-        Options; what they set is not derived.
-    blur : Capture or PsfBank
-        The motion; or the caller's own PSFs, which count as exact and may describe a picture that repeats.
-    one_psf : bool
-        Whether one PSF is undone in the whole picture.
-    light : ndarray, shape (H, W, C), float32, optional
-        Linear light of the picture without highlights, if it is decoded already.
+    `blur` is the motion, or the caller's own PSFs, which count as exact and may describe a picture that repeats.
+    `light` is the picture's linear light (H, W, C) without highlights, if it is decoded already.
     """
     given = isinstance(blur, PsfBank)
     peak = brightness(split.remainder(slice(None), 4))
@@ -114,6 +99,7 @@ def derive_strengths(
         return Strengths(options.nsr, None, peak, options.nsr)
     rows, part = tuned_part(split.encoded.shape, few_psfs(blur, threads=options.threads))
     noise = None if options.noise == "auto" else options.noise
+    one_psf = blur.kernels.shape[:2] == (1, 1) if isinstance(blur, PsfBank) else options.has_one_psf
     continued = options.mode_in_effect != "rowwise"
     repeats = given and options.border == "periodic"
     tuned = split.remainder(rows, threads=options.threads) if light is None else light[rows]
@@ -122,14 +108,9 @@ def derive_strengths(
 
 
 def tuned_part(shape: tuple[int, ...], bank: PsfBank) -> tuple[slice, PsfBank]:
-    """Return the middle rows that strengths are derived from, and the PSFs at places counted from the first of them.
+    """Return the middle rows that strengths are derived from, and PSFs at places counted from the first of them.
 
-    Parameters
-    ----------
-    shape : (H, W, C)
-        Shape of the picture.
-    bank : PsfBank
-        PSFs of the whole picture.
+    `shape` is that of the picture (H, W, C), whose PSFs `bank` contains.
     """
     height, width = shape[:2]
     half = min(height, max(1, MOST_TUNED_PIXELS // width)) // 2
@@ -140,16 +121,8 @@ def tuned_part(shape: tuple[int, ...], bank: PsfBank) -> tuple[slice, PsfBank]:
 def tuned_strengths(tuning: Tuning, options: Options, peak: float, *, given: bool = False) -> Strengths:
     """Return the strengths that follow from the measurements of a picture, or of several together.
 
-    Parameters
-    ----------
-    tuning : Tuning
-        The measurements.
-    options : Options
-        Options; what they set is not derived.
-    peak : float
-        Value of the picture's bright parts.
-    given : bool, default False
-        Whether the PSFs are the caller's own.
+    What the options set is not derived. `peak` is the value of the picture's bright parts; `given` says that the PSFs
+    are the caller's own.
     """
     prior = options.prior_in_effect
     if prior == "wiener":
@@ -188,29 +161,11 @@ def solve_chunks(
     solver: ChunkSolver,
     clock: StageClock,
     *,
-    light: FloatImage | None = None,
-    meter: UndershootMeter | None = None,
-    capture: Capture | None = None,
+    light: FloatImage | None = None,  # the picture's linear light (H, W, C) without highlights, if decoded already
+    meter: UndershootMeter | None = None,  # measures light before and after the solve
+    capture: Capture | None = None,  # the motion by which the options may request to rectify the picture
 ) -> NDArray[np.bool_]:
-    """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed.
-
-    Parameters
-    ----------
-    split : HighlightSplit
-        The picture.
-    out : ndarray
-        Receives encoded values.
-    solver : ChunkSolver
-        Its solver.
-    clock : StageClock
-        Times the stages.
-    light : ndarray, shape (H, W, C), float32, optional
-        Linear light of the picture without highlights, if it is decoded already.
-    meter : UndershootMeter, optional
-        Measures light before and after the solve.
-    capture : Capture, optional
-        The motion, which the options may request to rectify the picture by.
-    """
+    """Solve chunk by chunk into `out`, which is upright and encoded; return a mask of the pixels that were exposed."""
     options, size, threads = solver.options, solver.bank.size, solver.options.threads
     coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, split.encoded.shape[:2])
     # Linear methods, of which the published filter is one, stay linear.

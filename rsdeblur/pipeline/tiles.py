@@ -23,8 +23,9 @@ TILE_PATH_ERROR = 0.1
 # about 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring tiles must still agree in phase.
 # Their paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions.md.)
 TILE_CHANGE = 0.4
-# Noise-to-signal ratio that decides the number of PSFs with which the light behind clipped pixels is estimated.
-HIGHLIGHT_NSR = 0.01
+# Noise-to-signal ratio that decides the automatic numbers of tiles where none is derived from the picture: for PSFs
+# without a picture, and for those with which the light behind clipped pixels is estimated.
+NSR = 0.01
 # Number of rows per strip whose PSFs the mode "rowwise" reports.
 ROWS_SHOWN = 9
 # Bounds of the cost for violent motion.
@@ -38,26 +39,10 @@ Blur = Capture | PsfBank
 
 
 def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: float) -> BlurPaths:
-    """Trace the paths at the centres of the tiles.
+    """Return the paths at the centres of the tiles.
 
-    Parameters
-    ----------
-    capture : Capture
-        The motion.
-    mode, bands, strips
-        See :func:`rsdeblur.deblur`.
-    nsr : float
-        Noise-to-signal ratio that decides the automatic numbers of bands and strips.
-
-    Returns
-    -------
-    BlurPaths
-        One path for each tile.
-
-    Raises
-    ------
-    InputError
-        If the blur is larger than the picture, or there are more tiles than the picture can have.
+    `nsr` decides the numbers of bands and strips that are "auto". An `InputError` says that the blur is larger than the
+    picture, or that there are more tiles than the picture can have.
     """
     check_reach(capture)
     height, width = capture.camera.height, capture.camera.width
@@ -95,7 +80,7 @@ def highlight_bank(blur: Blur, *, threads: int | None) -> PsfBank:
     """Return the PSFs with which the highlights of a picture are separated."""
     if isinstance(blur, PsfBank):
         return blur
-    return PsfBank.from_paths(tile_paths(blur, "banded", "auto", "auto", HIGHLIGHT_NSR), threads=threads)
+    return PsfBank.from_paths(tile_paths(blur, "banded", "auto", "auto", NSR), threads=threads)
 
 
 def tile_errors(capture: Capture) -> tuple[float, float]:

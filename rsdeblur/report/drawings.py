@@ -36,10 +36,7 @@ BUDGET, QUALITY = 9 * 2**20, 92
 def rgb8(name: str, image: Display) -> Image.Image:
     """Return display values in [0, 1], grey or RGB, as an 8-bit RGB picture; alpha is left out.
 
-    Raises
-    ------
-    InputError
-        If `image` does not have the shape of a picture; the message calls it `name`.
+    Refuse an array without the shape of a picture; the message calls it `name`.
     """
     values = np.asarray(image)
     if values.ndim == 2:

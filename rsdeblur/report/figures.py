@@ -70,22 +70,17 @@ class Finding(NamedTuple):
 
 
 def findings(
-    pixels: NDArray[Any],
+    pixels: NDArray[Any],  # of the blurred picture as stored
     log: GyroLog,
     camera: Camera,
     exposure: Exposure,
     *,
-    psf: tuple[int, int],
-    checks: Mapping[str, Mapping[str, Any]] | None = None,
-    unseen: float = 0.0,
-    can_split: bool = False,
+    psf: tuple[int, int],  # height and width of the largest PSF, px
+    checks: Mapping[str, Mapping[str, Any]] | None = None,  # fields of the `QualityCheck` of each mode
+    unseen: float = 0.0,  # share of the result that was never exposed
+    can_split: bool = False,  # whether --saturation always would change the result
 ) -> list[Finding]:
-    """Check coverage, gaps and sampling of the log, saturation and size of the blur, and add the verdicts of the check.
-
-    `pixels` are those of the blurred picture as stored, `psf` is the height and width of the largest PSF in px,
-    `checks` contains the fields of the :class:`rsdeblur.estimate.QualityCheck` of each mode, `unseen` is the share of
-    the result that was never exposed, and `can_split` says that ``--saturation always`` would change the result.
-    """
+    """Return what the log, the photo and the blur say about the result, and the verdicts of the check."""
     opens, closes = (time - camera.time_offset for time in exposure.span(camera))
     # In s relative to the exposure's origin; timestamps are subtracted as integers, where they are exact.
     t = log.t + (log.epoch_ns - exposure.epoch_ns) * 1e-9

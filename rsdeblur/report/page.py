@@ -30,7 +30,7 @@ from rsdeblur.report.drawings import bank_data, picture_uris, telling_place, thu
 from rsdeblur.report.figures import LEVELS, VERDICT_LEVELS, Finding, findings, motion_data
 
 STAGES = ("highlights", "tune", "align", "psfs", "plan", "apply", "rectify", "check")
-TIMES, NONE = "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
+TIMES = "\N{MULTIPLICATION SIGN}"
 # Verdicts on the items of a batch, the worst first.
 ORDER = ("failed", *reversed(VERDICTS), "not checked")
 

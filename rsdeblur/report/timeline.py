@@ -21,19 +21,9 @@ STYLE = (
 
 
 def timeline_svg(times: Sequence[float | None], triage: Triage) -> bytes:
-    """Draw the blur of exposures over time, coloured by decision, with both thresholds.
+    """Return an SVG file of the blur of exposures over time, in s, coloured by decision, with both thresholds.
 
-    Parameters
-    ----------
-    times : sequence of float or None
-        Time of each exposure, s; those without one are not drawn.
-    triage : Triage
-        Their blur; those whose blur is unknown are drawn at the lower end of the axis.
-
-    Returns
-    -------
-    bytes
-        An SVG file.
+    Exposures whose time is None are not drawn; an unknown blur is drawn at the lower end of the axis.
     """
     left, top, right, bottom = BOX
     lengths = np.nan_to_num(triage.lengths, nan=LEAST).clip(LEAST)

@@ -92,10 +92,8 @@ def simulate_clip(
     sharp : array_like, shape (h, w) or (h, w, C)
         The scene half-way between the first and the last frame, as for :func:`simulate`. The camera's picture is
         centred in it; beyond its borders, the scene is mirrored.
-    log : GyroLog
-        Motion of the camera.
-    camera : Camera
-        The camera.
+    log, camera
+        The motion and the camera.
     exposures : sequence of Exposure
         Time of each frame, at least one.
     noise : float, default 0.0

@@ -77,12 +77,8 @@ def simulate(
         The scene at the mid-exposure of the middle row; floats of the nominal range [0, 1], or uint8 or uint16, which
         are scaled to it. It must be at least as large as the camera's picture, which is centred in it; the rest is
         visible when the camera turns. Beyond its borders, the scene is mirrored.
-    log : GyroLog
-        Motion of the camera.
-    camera : Camera
-        The camera.
-    exposure : Exposure
-        Time of the exposure.
+    log, camera, exposure
+        The motion, the camera and the time of the exposure.
     noise : float, default 0.0
         Standard deviation of white Gaussian noise, in linear light of range [0, 1]; 0.01 is 40 dB.
     seed : int, default 0
@@ -136,7 +132,10 @@ def simulate(
         count = validate.count("samples", samples, maximum=MOST_WARPS)
     plane = Plane(scene, path)
     reference = float(middle.mean())
-    blurred, rolling = (plane.picture(at, reference) for at in (row_times(opens, closes, count), middle[:, None]))
+    blurred, rolling = (
+        stored_picture(plane.seen(at, reference), frame, scene.shape[2:])
+        for at in (row_times(opens, closes, count), middle[:, None])
+    )
     blurred = blurred + random.normal(0.0, noise, blurred.shape).astype(np.float32)
     left, top = plane.corner
     rectified = np.ascontiguousarray(scene[top : top + camera.height, left : left + camera.width])
@@ -235,16 +234,9 @@ def _composed(steps: Rotation) -> Rotation:
 
 
 class Plane:
-    """Light of a plane that a camera sees, of shape (h, w) or (h, w, C) as stored.
+    """Light of a plane that a camera sees, shape (h, w) or (h, w, C) as stored, with a velocity (x, y) in px/s.
 
-    Parameters
-    ----------
-    light : ndarray, shape (h, w) or (h, w, C), float32
-        The light; the camera's picture is centred in it at the reference time.
-    path : CameraPath
-        Poses of the camera.
-    velocity : (float, float)
-        (x, y) in px of `light` per second.
+    The camera's picture is centred in it at the reference time.
     """
 
     def __init__(
@@ -261,11 +253,7 @@ class Plane:
             [ndimage.spline_filter(part, 3, output=np.float32, mode="mirror") for part in np.moveaxis(planes, -1, 0)],
             axis=-1,
         )
-        self._path, self._velocity, self._channels = path, np.array(frame.shift(velocity)), light.shape[2:]
-
-    def picture(self, times: FloatArray, reference: float) -> NDArray[np.float32]:
-        """Return the mean picture at `times` (H, T) of each row of the upright frame, as stored."""
-        return stored_picture(self.seen(times, reference), self._path.frame, self._channels)
+        self._path, self._velocity = path, np.array(frame.shift(velocity))
 
     def seen(self, times: FloatArray, reference: float) -> NDArray[np.float32]:
         """Return the mean of what the camera sees at `times` (H, T) of each row, upright, shape (H, W, C)."""

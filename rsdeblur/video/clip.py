@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._util import ffmpeg
 from rsdeblur._util.extras import missing
-from rsdeblur._util.files import checked_path, open_file
+from rsdeblur._util.files import checked_path, ffmpeg_input, open_file
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io.captures import open_captures
 from rsdeblur.io.sessions import PHOTOS, encoded_timestamps, nearest_captures
@@ -28,6 +27,8 @@ try:
     import av as av
 except ModuleNotFoundError:
     raise InputError(missing("videos need PyAV", "video")) from None
+
+__all__ = ["Clip", "exposures_from_captures", "exposures_from_timestamps", "frames", "open_clip", "values_of"]
 
 # FFmpeg's default rounding would darken pictures by a level.
 SCALING = av.video.reformatter.Interpolation.BICUBIC | av.video.reformatter.Interpolation.ACCURATE_RND
@@ -88,27 +89,15 @@ class Clip:
 
 @contextmanager
 def reading(path: Path) -> Iterator[Any]:
-    """Open a video for reading, and turn FFmpeg's errors in the block into errors that name the file.
+    """Open a video for reading, as an `av.container.InputContainer`.
 
-    Parameters
-    ----------
-    path : Path
-        The video.
-
-    Yields
-    ------
-    av.container.InputContainer
-        The open file.
-
-    Raises
-    ------
-    FileFormatError
-        If FFmpeg cannot read the file, it is a pipe or a device, or not in one of the containers that are read.
+    FFmpeg's errors in the block become a `FileFormatError` that names the file. So do pipes, devices, and containers
+    that are not read.
     """
     # FFmpeg would wait for the writer of a pipe.
     open_file(path, "video").close()
     try:
-        container = av.open(**ffmpeg.existing(path))
+        container = av.open(**ffmpeg_input(path))
     except av.error.ArgumentError as error:
         what = "not a video in a container that is read; convert it to MP4, MOV, Matroska, WebM, AVI or MPEG-TS"
         if path.suffix.lower() in PHOTOS:

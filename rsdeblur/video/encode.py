@@ -23,6 +23,8 @@ from rsdeblur.types import Progress
 from rsdeblur.video.clip import FULL_RANGE, LIMITED_RANGE, RGB, SCALING, Clip, av, frames, reading, values_of
 from rsdeblur.video.plan import ClipPlan
 
+__all__ = ["Encoding", "VideoResult", "check_output", "deblur_video", "estimated_seconds"]
+
 CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
 # Encoder for each decoder name.
 ENCODERS = {
@@ -161,18 +163,7 @@ def _writing(output: Path, what: str = "cannot write the video") -> Iterator[Non
 
 
 def container_of(path: Path) -> str:
-    """Return FFmpeg's name of the container for a file's extension.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the video.
-
-    Raises
-    ------
-    OutputError
-        If the extension is unknown.
-    """
+    """Return FFmpeg's name of the container for a file's extension; raise `OutputError` for an unknown one."""
     suffix = path.suffix.lower()
     if suffix not in CONTAINERS:
         raise OutputError(f"{path}: unknown video extension {suffix!r}; use one of {', '.join(CONTAINERS)}")

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from rsdeblur import Camera, Exposure, GyroLog, triage
 from rsdeblur.choices import READOUT_DIRECTIONS
 from rsdeblur.errors import RsdeblurWarning
-from rsdeblur.motion.plausible import doubts
+from rsdeblur.motion.camera_values import doubts
 
 MOUNT = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix()
 
