@@ -34,8 +34,7 @@ from rsdeblur._util.threads import share, thread_count
 from rsdeblur.choices import DERIVATIVE_PRIORS, EXPONENT, Prior
 from rsdeblur.deconv.coupling import TO_DERIVATIVES, TO_GRADIENT, Coupling
 from rsdeblur.errors import InputError
-from rsdeblur.kernels.extrapolate import extrapolate
-from rsdeblur.kernels.shrink import TERMS, shrunk_derivatives_adjoint, shrunk_grad_adjoint, workspace
+from rsdeblur.kernels.shrink import TERMS, extrapolate, shrunk_derivatives_adjoint, shrunk_grad_adjoint, workspace
 from rsdeblur.types import Float32Array, FloatImage
 
 # Steps of :meth:`DerivativePrior.steps`: their penalties, and how far ahead they look.

@@ -33,7 +33,7 @@ import numpy as np
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share, thread_count
 from rsdeblur.errors import InputError
-from rsdeblur.kernels.frame import GATES, HALO, LEVELS, ORIENTATIONS, WORK, combine, cut_block, put_block
+from rsdeblur.kernels.frame import HALO, LEVELS, ORIENTATIONS, WORK, combine, cut_block, put_block
 from rsdeblur.kernels.lines import continued
 from rsdeblur.types import Float32Array, FloatArray, FloatImage
 
@@ -258,7 +258,7 @@ def add_up(
             cut_block(latent, down[top : top + size[0]], across[left : left + size[1]], mix, planes[thread, :, k])
         for c, result in enumerate(results[thread]):
             kind = 1 if channels == 3 and c > 0 else 0
-            combine(planes[thread, c], 9 * variances, means[kind], differences[kind], GATES, work[thread], result)
+            combine(planes[thread, c], 9 * variances, means[kind], differences[kind], work[thread], result)
         put_block(results[thread], mix, out[top : top + tall, left : left + wide])
 
     share(block, range(len(corners)), threads)

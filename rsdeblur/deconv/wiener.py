@@ -26,8 +26,7 @@ from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.tiling import BAND_EXCESS, Tiling
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import spectral
-from rsdeblur.kernels.otf import put_columns
-from rsdeblur.kernels.wiener import invert
+from rsdeblur.kernels.otf import invert, put_columns
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, FloatImage
 

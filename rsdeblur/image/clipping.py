@@ -15,7 +15,7 @@ from scipy import ndimage
 from rsdeblur._util.threads import share
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import full_scale
-from rsdeblur.kernels.clipping import extremes, limit
+from rsdeblur.kernels.mend import extremes, limit
 from rsdeblur.types import Float32Array, FloatImage
 
 # Side of the window around a pixel that the photo's range is taken over, in lengths of the PSF: light of the pixel went

@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from rsdeblur._util.threads import share, share_blocks, share_map
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.kernels.undershoot import Between, depths, fade_to
+from rsdeblur.kernels.mend import Between, depths, fade_to
 from rsdeblur.types import FloatArray, FloatImage
 
 # Standard deviation of the Gaussian that the weight of the blurred picture is smooth by, in lengths of the PSF, and at
