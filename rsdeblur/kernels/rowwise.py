@@ -40,8 +40,8 @@ class RowModel(NamedTuple):
     row_end: Int32Array
     # First block that shares a picture row, or a gradient, with block J.
     coupled: Int32Array
-    # Index of the first tap of every pair of a latent row j and a picture row y that sees its block, j outermost; at the
-    # end, the number of taps.
+    # Index of the first tap of every pair of a latent row j and a picture row y that sees its block, j outermost; and
+    # the number of taps.
     tap_start: Int32Array
     # Index into the table of phases, and weight, of each tap.
     tap_shift: Int32Array
