@@ -26,7 +26,7 @@ from benchmarks.data import Image, noted
 from benchmarks.tables import markdown, report
 from rsdeblur import Deconvolver, PsfBank
 from rsdeblur.deconv import tiling, wiener
-from rsdeblur.deconv.border import fade
+from rsdeblur.deconv.tiling import fade
 from rsdeblur.pipeline.deblur import psfs
 
 # (standard deviation of the noise, an NSR that suits it)

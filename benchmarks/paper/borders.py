@@ -14,9 +14,9 @@ from benchmarks.paper.continuations import reflected, tapered
 from benchmarks.paper.figure import Cell, Figure, pictures
 from rsdeblur import Camera, Deconvolver, Exposure, PsfBank, psfs
 from rsdeblur.choices import Border
-from rsdeblur.deconv.border import fade
-from rsdeblur.deconv.boundary import extended_shape, smooth
 from rsdeblur.deconv.rowwise import RowDeconvolver
+from rsdeblur.deconv.tiling import fade
+from rsdeblur.deconv.unknown_border import extended_shape, smooth
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.motion import BlurPaths, Capture
 

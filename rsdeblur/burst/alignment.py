@@ -156,25 +156,12 @@ def _fitted(
 def combined(
     frames: Sequence[Tuning], *, tile_errors: Sequence[float] | None = None
 ) -> tuple[Tuning, tuple[float, ...]]:
-    """Combine the measurements of several frames of one scene.
+    """Return the measurements of a picture as informative as all frames together, and the share of each frame.
 
-    A frame counts by its share: the inverse of its :attr:`Tuning.noise_power`, divided by the sum over all frames.
-    Frames other than the reference are resampled, which is an error of their blurred picture.
-
-    Parameters
-    ----------
-    frames : sequence of Tuning
-        Measurements of each frame, the reference first, whose energy counts for all.
-    tile_errors : sequence of float, optional
-        Mean square of the path errors that tiles add to each frame, px^2. Only the shares depend on them, because
-        strengths were measured with tiles.
-
-    Returns
-    -------
-    tuning : Tuning
-        Measurements of a picture that is as informative as all frames together.
-    shares : tuple of float
-        Share of each frame; they sum to 1.
+    The first frame is the reference, whose energy counts for all. The share of a frame is the inverse of its
+    :attr:`Tuning.noise_power`, divided by the sum over all frames. Frames other than the reference are resampled, which
+    is an error of their blurred picture. `tile_errors` are the mean squares of the path errors that tiles add to each
+    frame, px^2. Only the shares depend on them, because strengths were measured with tiles.
     """
     first = frames[0]
     power = np.array([frame.noise_power(first.energy) for frame in frames])

@@ -37,47 +37,28 @@ FULL_WEIGHT, NO_WEIGHT = 4.0, 16.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameFit:
-    """How a frame of a burst fits the reference.
+    """How a frame of a burst fits the reference."""
 
-    Parameters
-    ----------
-    gain : float
-        Its brightness in units of the reference's.
-    shift : ndarray, shape (h, w, 2), float32
-        Residual shift (x, y) in px of the reduced picture: what the motion leaves unexplained.
-    weights : ndarray, shape (h, w), float32
-        Weight from 0 to 1 of the frame at each pixel of the reduced reference.
-    support : float
-        Mean weight over the reference's detail, from 0 to 1.
-    path_error : float
-        Mean square of the errors of both paths together, px^2 of the reduced picture: what is left of the difference
-        where the frame counts.
-    """
-
-    gain: float
+    gain: float  # brightness in units of the reference's
+    # Residual shift (x, y) in px of the reduced picture (h, w, 2): what the motion leaves unexplained.
     shift: Float32Array
-    weights: Float32Array
-    support: float
+    weights: Float32Array  # from 0 to 1, at each pixel of the reduced reference (h, w)
+    support: float  # mean weight over the reference's detail, from 0 to 1
+    # Mean square of the errors of both paths together, px^2 of the reduced picture: what is left of the difference
+    # where the frame counts.
     path_error: float
 
 
 def fit_frame(
     frame: Float32Array, reference: Float32Array, known: Float32Array, *, noise: float, path_error: float, blur: float
 ) -> FrameFit:
-    """Fit a frame to the reference.
+    """Fit a frame to the reference, both (h, w) with the blur of the other added.
 
-    Parameters
-    ----------
-    frame, reference : ndarray, shape (h, w), float32
-        The resampled frame with the blur of the reference added, and the reference with that of the frame.
-    known : ndarray, shape (h, w), float32
-        1 where both pictures show the scene alone, 0 elsewhere. There the weight is that of the nearest known place.
-    noise : float
-        Expected variance of the noise of the difference, at a gain of 1.
-    path_error : float
-        Expected mean square of the errors of the paths, px^2.
-    blur : float
-        Mean square radius of both PSFs together, px^2.
+    - `known` (h, w) is 1 where both pictures show the scene alone, else 0. There the weight is that of the nearest
+      known place.
+    - `noise` is the expected variance of the noise of the difference, at a gain of 1.
+    - `path_error` is the expected mean square of the errors of the paths, px^2.
+    - `blur` is the mean square radius of both PSFs together, px^2.
     """
     shift, gain = _residual_shift(frame, reference, known, blur)
     misfit, slope = np.square(sampled(frame, shift) / np.float32(gain) - reference), _slope(reference)

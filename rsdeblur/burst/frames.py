@@ -36,14 +36,9 @@ FIT_TILES = 8, 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Warp:
-    """Where a frame shows what the reference shows: offsets at nodes, interpolated linearly between them.
+    """Where a frame shows what the reference shows: offsets at nodes, interpolated linearly between them."""
 
-    Parameters
-    ----------
-    offsets : ndarray, shape (m, n, 2), float32
-        Place in the frame minus place in the reference, (x, y) in px, at every `NODE_STEP` px of the reference.
-    """
-
+    # Place in the frame minus place in the reference, (x, y) in px, at every `NODE_STEP` px of the reference (m, n, 2).
     offsets: Float32Array
 
     @classmethod
@@ -70,24 +65,12 @@ class Warp:
 
 @dataclass(frozen=True, eq=False)
 class BurstFrame:
-    """One frame of a burst.
+    """One frame of a burst."""
 
-    Parameters
-    ----------
-    split : HighlightSplit
-        The picture, readout along y, without its highlights if these are to be separated.
-    alignment : Alignment
-        The frame and the reference.
-    tuning : Tuning
-        Its noise and blur.
-    fit : FrameFit, optional
-        How it fits the reference; None before it is compared, and for the reference.
-    """
-
-    split: HighlightSplit
-    alignment: Alignment
+    split: HighlightSplit  # readout along y, without its highlights if these are to be separated
+    alignment: Alignment  # of the frame and the reference
     tuning: Tuning
-    fit: FrameFit | None = None
+    fit: FrameFit | None = None  # None before it is compared, and for the reference
 
     @property
     def encoded(self) -> EncodedImage:
@@ -127,14 +110,10 @@ class BurstFrame:
         return noise_level(self.grey[..., None])
 
     def light(self, rows: slice, threads: int | None = None) -> tuple[FloatImage, Float32Array]:
-        """Return the frame at the `rows` of the reference, and its weight; `threads` share the work.
+        """Return the frame at the `rows` of the reference, and its weight there.
 
-        Returns
-        -------
-        light : ndarray, shape (len(rows), W, C), float32
-            Linear light with the brightness of the reference.
-        weights : ndarray, shape (len(rows), W), float32
-            Weight from 0 to 1; 0 where the frame does not show the place.
+        The light (rows, W, C) is linear, with the brightness of the reference. The weight (rows, W) is from 0 to 1, and
+        0 where the frame does not show the place.
         """
         assert self.fit is not None
         height, width, channels = self.encoded.shape

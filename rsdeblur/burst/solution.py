@@ -200,25 +200,10 @@ def _largest(frames: Sequence[BlurPaths]) -> tuple[int, int]:
 def predicted(
     latent: FloatImage, wanted: NDArray[np.bool_], bank: PsfBank, threads: int | None = None
 ) -> Iterator[tuple[Part, FloatImage]]:
-    """Yield the blocks of a sharp picture, blurred, in which anything is `wanted`.
+    """Yield the blocks of a sharp picture `latent` (H, W, C), blurred, in which anything is `wanted` (H, W).
 
-    Parameters
-    ----------
-    latent : ndarray, shape (H, W, C), float32
-        The sharp picture.
-    wanted : ndarray, shape (H, W), bool
-        Where the blurred picture is wanted.
-    bank : PsfBank
-        PSFs of the frame on the pixels of the sharp picture.
-    threads : int, optional
-        Threads that share the work; default all processors. Any number gives the same bits.
-
-    Yields
-    ------
-    part : (slice, slice)
-        Rows and columns.
-    blurred : ndarray, shape (h, w, C), float32
-        What the frame shows there.
+    Each is a pair: its rows and columns, and what the frame shows there. `bank` has the PSFs of the frame on the pixels
+    of the sharp picture.
     """
     starts = product(*(range(0, n, LONGEST) for n in wanted.shape))
     for part in ((slice(top, top + LONGEST), slice(left, left + LONGEST)) for top, left in starts):

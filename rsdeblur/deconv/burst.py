@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur.choices import Border, Planning, Solver
 from rsdeblur.deconv.priors import LatentPrior, check_prior
-from rsdeblur.deconv.quadratic import MARGIN, TileNormal
+from rsdeblur.deconv.quadratic import TileNormal
 from rsdeblur.deconv.rowwise_solver import RowSolver
-from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
+from rsdeblur.deconv.wiener import LEAST_MARGIN, LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
@@ -30,30 +30,12 @@ class BurstQuadratic(TileNormal):
         U = ((1 + nsr) sum_i a_i conj(H_i) G_i + beta V) / (sum_i a_i |H_i|^2 + nsr + beta |D|^2)
 
     The share a_i of a frame is the inverse of its noise power, divided by the sum of these over all frames. With one
-    frame this is :class:`rsdeblur.deconv.TileQuadratic`, or without a prior :class:`rsdeblur.Deconvolver`.
+    frame this is :class:`rsdeblur.deconv.TileQuadratic`, or without a prior :class:`rsdeblur.Deconvolver`, whose
+    arguments and errors it has. `wiener` says that pictures are solved without a prior, which takes margins that depend
+    on `nsr`.
 
     Both sums are computed once for each frequency of each tile, frame by frame, and kept. So memory, and the time of a
     solve, do not grow with the number of frames.
-
-    Parameters
-    ----------
-    banks : sequence of PsfBank
-        PSFs of each frame, at the same places of the scene.
-    shares : sequence of float
-        Share a_i of each frame, positive; their sum is 1.
-    shape : (H, W) or (H, W, C)
-        Shape of the pictures.
-    nsr : float, default 0.001
-        See :class:`rsdeblur.deconv.TileQuadratic`.
-    wiener : bool, default False
-        Whether pictures are solved without a prior, which takes margins that depend on `nsr`.
-    border, planning, threads
-        See :class:`rsdeblur.Deconvolver`.
-
-    Raises
-    ------
-    InputError
-        As :class:`rsdeblur.Deconvolver` does, and if the banks have different places or the shares do not fit.
     """
 
     def __init__(
@@ -72,7 +54,7 @@ class BurstQuadratic(TileNormal):
             validate.instance("bank", bank, PsfBank)
         check_places(banks, shares)
         nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
-        margin = MARGIN
+        margin = LEAST_MARGIN
         if wiener:
             nsr = max(nsr, LEAST_NSR)
             margin = decay_margin(nsr)
@@ -95,26 +77,10 @@ class BurstQuadratic(TileNormal):
         prior: LatentPrior | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> NDArray[np.float32]:
-        """Deblur the pictures of one scene.
+        """Return the sharp picture, of the planned shape and not clipped, from the linear light of each frame.
 
-        Parameters
-        ----------
-        images : iterable of array_like of the planned shape
-            Linear light of each frame, floats; converted to float32. Each is needed only until the next one comes.
-        prior : DerivativePrior, WaveletPrior or PlugAndPlayPrior, optional
-            Assumption about the sharp picture; without it the result is that of the Wiener filter.
-        progress : callable, optional
-            Called with the finished fraction after each solve.
-
-        Returns
-        -------
-        ndarray of the planned shape, float32
-            Not clipped.
-
-        Raises
-        ------
-        InputError
-            If there is another number of pictures, or one has another shape, holds integers or is not finite.
+        A frame is needed only until the next one comes. Without a prior the result is that of the Wiener filter. Errors
+        are those of :meth:`rsdeblur.Deconvolver.apply`, and another number of pictures than planned.
         """
         validate.callback("progress", progress)
         with self._hybrid.team.turn():
@@ -138,25 +104,9 @@ class BurstQuadratic(TileNormal):
 class RowBurst(RowSolver):
     """Deconvolution of several pictures of one scene with the PSF of every row, planned once and applied often.
 
-    With one frame this is :class:`rsdeblur.deconv.RowDeconvolver`. The normal matrix is assembled from all frames, but
-    factored once, and its bandwidth is that of the frame whose paths are tallest.
-
-    Parameters
-    ----------
-    frames : sequence of BlurPaths
-        Paths of every row of each frame, in the same strips.
-    shares : sequence of float
-        Share of each frame, positive; their sum is 1.
-    shape : (H, W) or (H, W, C)
-        Shape of the pictures.
-    nsr, reach, solver, border, planning, threads
-        See :class:`rsdeblur.deconv.RowDeconvolver`.
-
-    Raises
-    ------
-    InputError
-        As :class:`rsdeblur.deconv.RowDeconvolver` does, and if the frames have different strips or the shares do not
-        fit.
+    With one frame this is :class:`rsdeblur.deconv.RowDeconvolver`, whose arguments and errors it has. The normal matrix
+    is assembled from all frames, whose paths are in the same strips, but factored once. Its bandwidth is that of the
+    frame whose paths are tallest. `shares` are those of :class:`BurstQuadratic`.
     """
 
     def __init__(

@@ -37,16 +37,8 @@ Solve = Callable[[FloatImage, StageProgress], FloatImage]
 class HalfChroma:
     """Two solvers that restore RGB pictures together: one of the brightness, one of the picture at half size.
 
-    Parameters
-    ----------
-    luma : callable
-        Solver of shape (H, W, 1) with the PSFs of the picture.
-    half : callable
-        Solver of :func:`half_shape` with those of :func:`halved`.
-    peak : float
-        Value of the pictures' bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
-    threads : int, optional
-        Threads that separate and join the pictures; default all processors.
+    `luma` takes the shape (H, W, 1) and has the PSFs of the picture; `half` takes that of :func:`half_shape` and has
+    those of :func:`halved`. `peak` is the :func:`rsdeblur.deconv.priors.brightness` of the pictures.
     """
 
     def __init__(self, luma: Solve, half: Solve, *, peak: float, threads: int | None = None) -> None:
@@ -73,28 +65,13 @@ def luma_share(prior: Prior | Denoiser, exponent: float) -> float:
     The strength is the noise-to-signal ratio of the Wiener filter, or the weight of a prior on derivatives. A grey
     picture of three channels has three times the data term of its brightness, and derivatives `sqrt(3)` times as long.
     And the brightness has less noise than the channels.
-
-    Parameters
-    ----------
-    prior : {"wiener", "gradient", "tv", "hyper-laplacian"}
-        The prior.
-    exponent : float
-        Exponent of the hyper-Laplacian.
     """
     power = KINDS[prior].power(exponent) if isinstance(prior, str) and prior in KINDS else 2.0
     return LUMA_STRENGTH * math.pow(3.0, power / 2.0 - 1.0)
 
 
 def suits_half(size: tuple[int, int], shape: tuple[int, int, int]) -> bool:
-    """Return whether pictures have colours, and a blur that takes more of their detail than half the size.
-
-    Parameters
-    ----------
-    size : (int, int)
-        Height and width of the kernels, px.
-    shape : (H, W, C)
-        Shape of the pictures.
-    """
+    """Return whether pictures (H, W, C) have colours, and kernels (px) that take more detail than half the size."""
     rows, cols, channels = half_shape(shape)
     tall, wide = _half_size(size)
     return channels == 3 and max(size) >= LEAST_SIZE and tall <= rows and wide <= cols
@@ -110,13 +87,6 @@ def halved(bank: PsfBank, *, threads: int | None) -> PsfBank:
     """Return the PSFs of a picture at half its size, at half as many places in each direction.
 
     Paths that are half as long may differ by twice as much of their length from tile to tile.
-
-    Parameters
-    ----------
-    bank : PsfBank
-        PSFs with their paths.
-    threads : int, optional
-        Threads that draw the kernels.
     """
     assert bank.displacements is not None
     (rows, down), (cols, across) = (_merged(places) for places in (bank.rows, bank.cols))
@@ -128,13 +98,7 @@ def halved(bank: PsfBank, *, threads: int | None) -> PsfBank:
 
 
 def halved_rows(paths: BlurPaths) -> BlurPaths:
-    """Return the paths of every row of a picture at half its size, in half as many strips.
-
-    Parameters
-    ----------
-    paths : BlurPaths
-        Paths of every row of the picture.
-    """
+    """Return the paths of every row of a picture at half its size, in half as many strips."""
     cols, across = _merged(paths.cols)
     first, second = paths.displacements[::2], paths.displacements[1::2]
     if len(second) < len(first):

@@ -35,25 +35,10 @@ BLOCK = 256, 256
 
 
 def cnn_denoise(image: FloatImage, sigma: float, *, threads: int | None = None) -> FloatImage:
-    """Return a picture without white noise.
+    """Return linear light, (H, W) or (H, W, C), without white noise of the standard deviation `sigma`.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W) or (H, W, C), float32
-        Linear light; mirrored at the borders. Three channels are denoised as brightness and two differences of colour.
-    sigma : float
-        Standard deviation of the noise.
-    threads : int, optional
-        Threads that share the work; default all processors. Any number gives the same bits.
-
-    Returns
-    -------
-    ndarray of the same shape, float32
-
-    Raises
-    ------
-    InputError
-        If ONNX Runtime is not installed.
+    The picture is mirrored at its borders. Three channels are denoised as brightness and two differences of colour.
+    Without ONNX Runtime this raises `InputError`.
     """
     session = network()
     deep = image.reshape(*image.shape[:2], -1)
@@ -85,13 +70,7 @@ def cnn_denoise(image: FloatImage, sigma: float, *, threads: int | None = None) 
 
 @cache
 def network() -> InferenceSession:
-    """Return the network.
-
-    Raises
-    ------
-    InputError
-        If ONNX Runtime is not installed.
-    """
+    """Return the network; raise `InputError` if ONNX Runtime is not installed."""
     try:
         import onnxruntime
     except ImportError:

@@ -193,10 +193,7 @@ def _seal(wisdom: bytes) -> bytes:
 def remember() -> None:
     """Store all plans measured so far, together with those that other processes stored meanwhile.
 
-    Warns
-    -----
-    RsdeblurWarning
-        Once per process, if the cache folder cannot be written. The next process then measures again.
+    If the cache folder cannot be written, this warns once per process, and the next process measures again.
     """
     file = wisdom_file()
     stored = _stored()

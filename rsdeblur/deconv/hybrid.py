@@ -17,16 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import ThreadTeam
 from rsdeblur.choices import Border, Planning
-from rsdeblur.deconv.border import fade
 from rsdeblur.deconv.fft import LineTransform, RowTransform
-from rsdeblur.deconv.tiling import Tile, Tiling
+from rsdeblur.deconv.tiling import Tile, Tiling, fade
 from rsdeblur.kernels import lines, spectral
 from rsdeblur.types import ComplexArray, Float32Array, Int32Array
 
@@ -39,45 +37,19 @@ COLUMNS = 16
 SLAB_BYTES = 400_000
 
 
-class Filter(Protocol):
-    """Filter that is applied to a block of columns in the frequency domain."""
-
-    def __call__(self, thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
-        """Change slabs in place; they are zero where there is no picture.
-
-        Parameters
-        ----------
-        thread : int
-            Number of the calling thread.
-        block : int
-            Number of the block of columns.
-        bands : slice
-            The B bands of the slabs.
-        slabs : ndarray, shape (B, C, COLUMNS, L), complex64, C-contiguous
-            Spectra of these columns in these bands.
-        """
+# Called as ``filter(thread, block, bands, slabs)`` with the numbers of the calling thread and of the block of columns.
+# Changes the slabs (B, C, COLUMNS, L) in place: spectra of these columns in the B bands, zero without a picture.
+Filter = Callable[[int, int, slice, ComplexArray], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Group:
-    """Some bands that are filtered together, as the kernels need them.
+    """Some bands that are filtered together, as the kernels need them."""
 
-    Parameters
-    ----------
-    bands : slice
-        The B bands.
-    starts : ndarray, shape (B,), int32
-        First position that each band reads.
-    weights : ndarray, shape (B, W), float32
-        Weights of each band at the positions that it contributes to; those that fill up a row are zero.
-    spans : ndarray, shape (B, 3), int32
-        First of these positions in the picture, first one in the band, and their number.
-    """
-
-    bands: slice
-    starts: Int32Array
-    weights: Float32Array
-    spans: Int32Array
+    bands: slice  # the B bands
+    starts: Int32Array  # first position that each band reads (B,)
+    weights: Float32Array  # of each band where it contributes (B, W); those that fill up a row are zero
+    spans: Int32Array  # first of these positions in the picture, first one in the band, and their number (B, 3)
 
     @classmethod
     def of(cls, first: int, tiles: Sequence[Tile]) -> _Group:
@@ -91,27 +63,9 @@ class _Group:
 
 
 class Hybrid:
-    """Transforms of pictures of one shape under one tiling, with each thread's buffers and plans.
+    """Transforms of pictures (H, W, C) of one shape under one tiling, with each thread's buffers and plans.
 
-    Parameters
-    ----------
-    shape : (H, W, C)
-        Shape of the pictures.
-    bands, strips : Tiling
-        Tiles along y and along x.
-    border : {"blend", "periodic"}
-        How tiles continue beyond the picture.
-    planning : {"estimate", "measure"}
-        How FFTW plans.
-    threads : int
-        Number of threads.
-
-    Attributes
-    ----------
-    blocks : int
-        Number of blocks of columns.
-    spectra : ndarray, complex64
-        Memory for the spectra of all rows of one strip.
+    `blocks` is the number of blocks of columns, and `spectra` the memory for the spectra of all rows of one strip.
     """
 
     def __init__(
@@ -162,24 +116,11 @@ class Hybrid:
         *,
         progress: Callable[[float], None] | None = None,
     ) -> bool:
-        """Filter a picture, strip by strip.
+        """Filter a picture (H, W, C), or zeros if it is None, strip by strip; `change` returns the filter of a strip.
 
-        Parameters
-        ----------
-        picture : ndarray, shape (H, W, C), float32, or None
-            The picture; None is a picture of zeros.
-        out : ndarray, shape (H, W, C), float32, or None
-            Receives the blend of all tiles; if None, only the filters have effects. It may be `picture` if there is one
-            strip.
-        change : callable
-            Returns the filter of a strip.
-        progress : callable, optional
-            Called with the finished fraction after each strip.
-
-        Returns
-        -------
-        bool
-            False if `picture` is not finite; `out` is then unfinished. To check it here costs no further pass over it.
+        `out` receives the blend of all tiles, and may be `picture` if there is one strip. If it is None, only the
+        filters have effects. Return False if the picture is not finite; `out` is then unfinished. To check it here
+        costs no further pass over it.
         """
         count = len(self.strips.tiles)
         for strip in range(count):

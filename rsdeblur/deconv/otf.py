@@ -25,29 +25,17 @@ EXCESS = 0.1
 
 
 class Gains(NamedTuple):
-    """Factors on the frequencies of the OTFs of a bank; all threads that compute columns of one OTF use the same ones.
+    """Factors on the frequencies of a bank's OTFs; all threads that compute columns of one OTF use the same ones."""
 
-    Parameters
-    ----------
-    down, across : ndarray, shape (L,) and (W // 2 + 1,), float32
-        Factors along y and x; `down` is None for kernels, which have none.
-    """
-
-    down: Float32Array | None
-    across: Float32Array
+    down: Float32Array | None  # along y (L,); None for kernels, which have none
+    across: Float32Array  # along x (W // 2 + 1,)
 
 
 class OtfPlanner:
     """Transforms kernels or paths into OTFs, one at a time: first rows, then blocks of columns.
 
-    It holds the buffers of one thread. Another thread's planner may transform columns of its row spectra.
-
-    Parameters
-    ----------
-    size : (int, int)
-        Height and width of the largest kernels, px; paths lie within them.
-    lengths : (int, int)
-        Length of the tiles along y and x, px.
+    `size` is that of the largest kernels, within which paths lie, and `lengths` that of the tiles, px along y and x. A
+    planner holds the buffers of one thread. Another thread's planner may transform columns of its row spectra.
     """
 
     def __init__(self, size: tuple[int, int], lengths: tuple[int, int]) -> None:
@@ -103,16 +91,9 @@ class OtfPlanner:
 
 
 class _GridTransform:
-    """Transform of a small grid around the origin, at the frequencies of a tile.
+    """Transform of a grid of at most so many rows around the origin, at the frequencies of a tile.
 
-    Parameters
-    ----------
-    rows : int
-        Most rows of the grid.
-    lengths : (int, int)
-        Length of the tile along y and x, px.
-    points : (int, int)
-        Grid points over these lengths.
+    The tile has `lengths` px along y and x, and over them lie `points` of the grid.
     """
 
     def __init__(self, rows: int, lengths: tuple[int, int], points: tuple[int, int]) -> None:

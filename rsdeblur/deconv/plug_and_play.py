@@ -24,8 +24,7 @@ import numpy as np
 
 from rsdeblur._util import validate
 from rsdeblur.choices import DENOISERS
-from rsdeblur.deconv.coupling import TO_PICTURE
-from rsdeblur.deconv.priors import LEAST_PEAK, QuadraticSolver, brightness
+from rsdeblur.deconv.priors import LEAST_PEAK, TO_PICTURE, QuadraticSolver, brightness
 from rsdeblur.errors import InputError
 from rsdeblur.types import Denoiser, FloatImage
 

@@ -32,11 +32,12 @@ from numpy.polynomial import chebyshev
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share, thread_count
 from rsdeblur.choices import DERIVATIVE_PRIORS, EXPONENT, Prior
-from rsdeblur.deconv.coupling import TO_DERIVATIVES, TO_GRADIENT, Coupling
 from rsdeblur.errors import InputError
-from rsdeblur.kernels.extrapolate import extrapolate
-from rsdeblur.kernels.shrink import TERMS, shrunk_derivatives_adjoint, shrunk_grad_adjoint, workspace
+from rsdeblur.kernels.shrink import TERMS, extrapolate, shrunk_derivatives_adjoint, shrunk_grad_adjoint, workspace
 from rsdeblur.types import Float32Array, FloatImage
+
+# What users meet; the site describes these.
+__all__ = ["LatentPrior", "QuadraticSolver", "Step", "brightness"]
 
 # Steps of :meth:`DerivativePrior.steps`: their penalties, and how far ahead they look.
 PENALTIES, AHEAD = (7.0, 35.0, 178.0, 900.0), 0.5
@@ -48,19 +49,40 @@ TOLERANCE = 1e-4
 VALUES = 150_000
 
 
-class Sparsity(NamedTuple):
-    """The derivatives that a sparse prior shortens.
+class Coupling(NamedTuple):
+    """Weights of `|u|^2`, `|D u|^2` and `|D^T D u|^2` in a prior's quadratic term of strength 1.
 
-    Parameters
-    ----------
-    shrink : callable
-        Kernel of :mod:`rsdeblur.kernels.shrink` that computes the pull of the shortened derivatives.
-    coupling : Coupling
-        Quadratic term of the derivatives.
+    D takes forward differences in both directions. In the Fourier domain all three are factors, powers of `|D|^2`. The
+    weights are at least 0.
     """
 
-    shrink: Callable[..., None]
-    coupling: Coupling
+    picture: float
+    gradient: float
+    bend: float
+
+    def weights(self, beta: float) -> tuple[np.float32, np.float32, np.float32]:
+        """Return the weights for the strength `beta`."""
+        return np.float32(beta * self.picture), np.float32(beta * self.gradient), np.float32(beta * self.bend)
+
+    def response(self, squared: Float32Array) -> Float32Array:
+        """Return the term's factor at frequencies at which `|D|^2` has the values `squared`."""
+        picture, gradient, bend = self.weights(1.0)
+        response: Float32Array = picture + squared * (gradient + squared * bend)
+        return response
+
+
+# The target is a picture, a gradient, or the derivatives of kernels.shrink.shrunk_derivatives_adjoint: half of |D u|^2,
+# and half of a quarter of |D^T D u|^2, which contains the mixed derivative.
+TO_PICTURE = Coupling(1.0, 0.0, 0.0)
+TO_GRADIENT = Coupling(0.0, 1.0, 0.0)
+TO_DERIVATIVES = Coupling(0.0, 0.5, 0.125)
+
+
+class Sparsity(NamedTuple):
+    """The derivatives that a sparse prior shortens."""
+
+    shrink: Callable[..., None]  # kernel that computes the pull of the shortened derivatives
+    coupling: Coupling  # their quadratic term
 
 
 GRADIENT = Sparsity(shrunk_grad_adjoint, TO_GRADIENT)
@@ -68,31 +90,16 @@ DERIVATIVES = Sparsity(shrunk_derivatives_adjoint, TO_DERIVATIVES)
 
 
 class Kind(NamedTuple):
-    """A penalty on a power of derivatives.
+    """A penalty on a power of derivatives."""
 
-    Parameters
-    ----------
-    exponent : float or None
-        Its exponent p; None is the caller's.
-    sparsity : Sparsity or None
-        The derivatives; None for p = 2, which is one solve.
-    strength : float
-        Automatic weight, per root of p, where that of "gradient" and the energy of the gradient are 1
-        (docs/benchmarks/quality.md).
-    """
-
-    exponent: float | None
-    sparsity: Sparsity | None
+    exponent: float | None  # p; None is the caller's
+    sparsity: Sparsity | None  # the derivatives; None for p = 2, which is one solve
+    # Automatic weight, per root of p, where that of "gradient" and the energy of the gradient are 1
+    # (docs/benchmarks/quality.md).
     strength: float
 
     def power(self, exponent: float) -> float:
-        """Return its exponent.
-
-        Parameters
-        ----------
-        exponent : float
-            The caller's.
-        """
+        """Return its exponent, or the caller's where it has none of its own."""
         return exponent if self.exponent is None else self.exponent
 
 
@@ -112,7 +119,7 @@ class QuadraticSolver(Protocol):
         |A u - g|^2 + nsr |u|^2 + beta sum_k a_k |D_k u - w_k|^2
 
     for targets w_k of the picture itself, of its gradient or of its derivatives of first and second order
-    (:mod:`rsdeblur.deconv.coupling`). Differences are zero across the last row and column or, if `periodic`, wrap
+    (`Coupling`). Differences are zero across the last row and column or, if `periodic`, wrap
     around.
     """
 
@@ -176,18 +183,7 @@ class LatentPrior(Protocol):
 
 
 def check_prior(prior: LatentPrior) -> LatentPrior:
-    """Return `prior`, which must be an instance of a class of priors.
-
-    Parameters
-    ----------
-    prior : LatentPrior
-        The prior, as a solver's caller gives it.
-
-    Raises
-    ------
-    InputError
-        If it is something else.
-    """
+    """Return `prior`, as a solver's caller gives it; raise `InputError` if it is no instance of a class of priors."""
     if isinstance(prior, type) or not hasattr(prior, "restore"):
         raise InputError(
             f"prior must be a DerivativePrior, a WaveletPrior or a PlugAndPlayPrior, got {validate.shown(prior)}"
@@ -408,27 +404,16 @@ def _blocks(latent: FloatImage) -> range:
 
 
 def threshold(exponent: float) -> float:
-    """Return the largest t for which `argmin_w |w|^p + (w - t)^2` is zero.
-
-    Parameters
-    ----------
-    exponent : float
-        Exponent p, in (0, 1].
-    """
+    """Return the largest t for which `argmin_w |w|^p + (w - t)^2` is zero, for an exponent p in (0, 1]."""
     free = 1.0 - exponent
     return float((1.0 + free) / 2.0 * free ** (-free / (1.0 + free)))
 
 
 def shrinkage(exponent: float) -> Float32Array:
-    """Return the polynomial of w / t, the share of t that `w = argmin_w |w|^p + (w - t)^2` keeps.
+    """Return the polynomial of w / t, the share of t that `w = argmin_w |w|^p + (w - t)^2` keeps, for p in (0, 1].
 
     Its variable is `2 T / t - 1`, T being the :func:`threshold`. Its error is at most 3e-4 for exponents up to 2/3, at
     most 3e-3 up to 1, and none at 1.
-
-    Parameters
-    ----------
-    exponent : float
-        Exponent p, in (0, 1].
     """
     places = chebyshev.chebpts1(TERMS)
     t = threshold(exponent) / (0.5 + 0.5 * places)

@@ -17,32 +17,20 @@ from rsdeblur._util import validate
 from rsdeblur._util.memory import empty
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Border, Planning
-from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
 from rsdeblur.deconv.hybrid import COLUMNS
-from rsdeblur.deconv.priors import LatentPrior, check_prior
-from rsdeblur.deconv.wiener import TileFilter
+from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, LatentPrior, check_prior
+from rsdeblur.deconv.wiener import LEAST_MARGIN, TileFilter
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.normal import add_normal, solve_normal
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, Float32Array, FloatImage
 
-# Margin of a tile: by how much it is longer than the part that it contributes, in PSF sizes.
-MARGIN = 1.5
-
 
 class NormalSums(NamedTuple):
-    """What pictures contribute to the normal equations of all tiles; each block of columns has a place of its own.
+    """What pictures contribute to the normal equations of all tiles; each block of columns has a place of its own."""
 
-    Parameters
-    ----------
-    signal : ndarray, shape (S, blocks, B, C, COLUMNS, L), complex64
-        Sum of `conj(H) G`.
-    power : ndarray, shape (S, blocks, B, COLUMNS, L), float32
-        Sum of `|H|^2`.
-    """
-
-    signal: ComplexArray
-    power: Float32Array
+    signal: ComplexArray  # sum of conj(H) G, (S, blocks, B, C, COLUMNS, L)
+    power: Float32Array  # sum of |H|^2, (S, blocks, B, COLUMNS, L)
 
 
 # Function of a block of columns, its parts of the sums, and slabs that it changes.
@@ -52,23 +40,8 @@ Minimise = Callable[[int, ComplexArray, Float32Array, ComplexArray], None]
 class TileNormal(TileFilter):
     """Base of the quadratic solvers of tiles: normal equations per tile, of one or several pictures of a scene.
 
-    Parameters
-    ----------
-    bank : PsfBank
-        PSFs of a picture; those of all pictures have these places, and at most this size.
-    shape : (H, W) or (H, W, C)
-        Shape of the pictures.
-    nsr : float
-        See :class:`TileQuadratic`.
-    margin : float
-        See :class:`rsdeblur.deconv.wiener.TileFilter`.
-    border, planning, threads
-        See :class:`rsdeblur.Deconvolver`.
-
-    Raises
-    ------
-    InputError
-        As :class:`rsdeblur.Deconvolver` does.
+    The pictures have PSFs at the places of `bank` and of at most its size. Other arguments and errors are those of
+    :class:`TileQuadratic` and :class:`rsdeblur.deconv.wiener.TileFilter`.
     """
 
     def __init__(
@@ -253,7 +226,9 @@ class TileQuadratic(TileNormal):
         threads: int | None = None,
     ) -> None:
         nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
-        super().__init__(*(bank, shape), nsr=nsr, margin=MARGIN, border=border, planning=planning, threads=threads)
+        super().__init__(
+            *(bank, shape), nsr=nsr, margin=LEAST_MARGIN, border=border, planning=planning, threads=threads
+        )
         self._bank = bank
         # The observation, if its normal equations wait for the first solve.
         self._observed: FloatImage | None = None

@@ -41,25 +41,12 @@ ROWS_TOGETHER = 256
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StripBlur:
-    """Blur of every row in one strip, as taps that do not depend on the picture's width.
-
-    Parameters
-    ----------
-    model : RowModel
-        Which latent rows each picture row gathers, with which weights and shifts.
-    rows : int
-        Rows of the recorded picture, or of all pictures of a burst.
-    top : int
-        Row of the recorded picture at which the first latent row lies; 0 or less.
-    first_shift, shifts : int
-        Smallest shift along x, px, and the number of shifts.
-    """
+    """Blur of every row in one strip, as taps that do not depend on the picture's width."""
 
     model: RowModel
-    rows: int
-    top: int
-    first_shift: int
-    shifts: int
+    rows: int  # of the recorded picture, or of all pictures of a burst
+    first_shift: int  # smallest shift along x, px
+    shifts: int  # number of shifts
 
     @classmethod
     def from_frames(
@@ -82,7 +69,7 @@ class StripBlur:
         row, latent, across, weight = (np.concatenate(values) for values in zip(*parts, strict=True))
         first = int(across.min())
         model = _sorted(row, latent, across - first, weight, latents, rows)
-        return cls(model, rows, top, first, int(across.max()) - first + 1)
+        return cls(model, rows, first, int(across.max()) - first + 1)
 
     def table(self, block: int, length: int) -> Float32Array:
         """Return the phases of the shifts at the 16 frequencies of `block`."""
@@ -254,14 +241,10 @@ def strip_blurs(
 
 
 def latent_rows(*frames: BlurPaths) -> tuple[int, int]:
-    """Return the first latent row, in rows of the picture, and the number of latent rows.
+    """Return the first latent row, counted as rows of the picture, 0 or less, and the number of latent rows.
 
-    Latent rows are those that paths of any frame visit, and those of the frame.
-
-    Raises
-    ------
-    InputError
-        If paths do not belong to the rows 0, 1, 2 and so on, or their columns do not increase.
+    Latent rows are those that paths of any frame visit, and those of the frame. `InputError` is raised if paths do not
+    belong to the rows 0, 1, 2 and so on, or their columns do not increase.
     """
     top = end = 0
     for paths in frames:

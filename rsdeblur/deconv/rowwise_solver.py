@@ -21,9 +21,8 @@ from rsdeblur._util import validate
 from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, SOLVERS, Border, Planning, Solver
-from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
 from rsdeblur.deconv.fft import remember
-from rsdeblur.deconv.priors import LatentPrior
+from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, LatentPrior
 from rsdeblur.deconv.rowwise_blur import latent_rows, strip_blurs
 from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
 from rsdeblur.deconv.rowwise_spectra import ROWS, RowSpectra
@@ -57,17 +56,9 @@ Kept = dict[int, tuple[Float32Array, Float32Array]]
 class RowSolver:
     """Base of the rowwise solvers: minimises `sum_i a_i |A_i u - g_i|^2 + nsr |u - m|^2` for the frames of one scene.
 
-    Frames and their blurs are multiplied by the roots of the shares a_i. Row y of frame i is row `N y + i` of a picture
-    N times as tall. So the normal matrix is the sum of those of the frames; its bandwidth is that of the tallest paths.
-
-    Parameters
-    ----------
-    frames : sequence of BlurPaths
-        Paths of every row of each frame, at the same columns.
-    shares : sequence of float
-        Share a_i of each frame; their sum is 1.
-    shape, nsr, reach, solver, border, planning, threads
-        See :class:`rsdeblur.deconv.RowDeconvolver`.
+    Frames and their blurs are multiplied by the roots of the shares a_i, which sum to 1. Of N frames, row y of frame i
+    is row N y + i of a picture N times as tall. So the normal matrix is the sum of those of the frames; its bandwidth
+    is that of the tallest paths. Other arguments are those of :class:`rsdeblur.deconv.RowDeconvolver`.
     """
 
     def __init__(
@@ -186,17 +177,16 @@ class RowSolver:
 
         self._spectra.team.share(block, range(0, len(target), ROWS))
 
-    def _solve(
-        self, strip: int, beta: float, coupling: Coupling, *, scale: float, pull: bool, edges: bool, kept: Kept
-    ) -> None:
+    def _solve(self, strip: int, beta: float, coupling: Coupling, *, pull: bool, edges: bool, kept: Kept) -> None:
         """Minimise for all frequencies of `strip`, and leave the result in the latent spectra.
 
-        With `pull`, the latent spectra hold the pull of a prior, which enters the right-hand side times `beta / scale`.
-        The difference u - m is scaled in the end. With `edges`, m has the outermost rows. With a prior, `kept` takes
-        what all its steps have in common.
+        With `pull`, the latent spectra hold the pull of a prior, which enters the right-hand side. With `edges`, m has
+        the outermost rows. With a prior, `kept` takes what all its steps have in common.
         """
         model, tables = self._strips[strip].model, self._tables[strip]
         weights = self._penalty(beta, coupling)
+        # The difference u - m is scaled in the end, so that no motion is the identity at any nsr.
+        scale = 1.0 + self.nsr
 
         def block(thread: int, b: int) -> None:
             data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
@@ -324,13 +314,8 @@ class DataTerm:
     """Data term `|A u - g|^2 + nsr |u - m|^2` of one strip of one picture, to which a prior adds a quadratic term.
 
     It is a :class:`rsdeblur.deconv.priors.QuadraticSolver`, valid until the solver observes the next strip. With such a
-    term m is the picture's mean. Rows beyond the frame are unknowns, so no difference crosses an end. The
-    difference of g from the blurred m counts (1 + nsr) times, so that contrast does not depend on nsr.
-
-    Attributes
-    ----------
-    shape : (L, N, C)
-        Shape of the strip's latent picture: rows from `RowSolver.top` on, the padded width, channels.
+    term m is the picture's mean. Rows beyond the frame are unknowns, so no difference crosses an end. The difference of
+    g from the blurred m counts (1 + nsr) times, so that contrast does not depend on nsr.
     """
 
     periodic = False
@@ -338,6 +323,7 @@ class DataTerm:
     def __init__(self, solver: RowSolver, strip: int) -> None:
         self._solver, self._strip = solver, strip
         spectra = solver._spectra
+        # Rows from `RowSolver.top` on, the padded width, channels.
         self.shape = (solver._latent.shape[2], spectra.length, spectra.channels)
         self._kept: Kept = {}
 
@@ -349,23 +335,9 @@ class DataTerm:
         *,
         out: Float32Array | None = None,
     ) -> Float32Array:
-        """Minimise the term plus that of a prior.
+        """Return the latent picture, of :attr:`shape`, that minimises the term plus that of a prior.
 
-        Parameters
-        ----------
-        beta : float
-            Strength of the prior's term, at least 0.
-        pull : ndarray of the strip's shape, float32, optional
-            Right-hand side of the prior's term; None is zero.
-        coupling : Coupling
-            See :meth:`rsdeblur.deconv.priors.QuadraticSolver.solve`.
-        out : ndarray of the strip's shape, float32, optional
-            Receives the result; may be `pull` itself.
-
-        Returns
-        -------
-        ndarray of the strip's shape, float32
-            The latent picture u.
+        `out` may be `pull`; see :meth:`rsdeblur.deconv.priors.QuadraticSolver.solve`.
         """
         beta = validate.finite("beta", beta, minimum=0.0)
         spectra, latent = self._solver._spectra, self._solver._latent
@@ -374,15 +346,10 @@ class DataTerm:
             if pull.shape != self.shape:
                 raise InputError(f"the pull must have shape {self.shape}, got {pull.shape}")
             spectra.load(pull, latent)
-        self._minimise(beta, coupling, pull=pull is not None, edges=False)
+        self._solver._solve(self._strip, beta, coupling, pull=pull is not None, edges=False, kept=self._kept)
         spectra.unload(latent, 0, out, Tile(0, 0, np.ones(spectra.length, dtype=np.float32)))
         return out
 
     def filter(self) -> None:
         """Minimise the term alone, and leave the result in the solver's latent spectra."""
-        self._minimise(0.0, TO_GRADIENT, pull=False, edges=True)
-
-    def _minimise(self, beta: float, coupling: Coupling, *, pull: bool, edges: bool) -> None:
-        # Scaled like this, no motion is the identity at any nsr, with and without a prior.
-        scale = 1.0 + self._solver.nsr
-        self._solver._solve(self._strip, beta, coupling, scale=scale, pull=pull, edges=edges, kept=self._kept)
+        self._solver._solve(self._strip, 0.0, TO_GRADIENT, pull=False, edges=True, kept=self._kept)

@@ -12,9 +12,8 @@ import numpy as np
 from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import ThreadTeam
 from rsdeblur.choices import Planning
-from rsdeblur.deconv.border import fade
 from rsdeblur.deconv.fft import RowTransform
-from rsdeblur.deconv.tiling import Tile
+from rsdeblur.deconv.tiling import Tile, fade
 from rsdeblur.kernels import lines, rowwise
 from rsdeblur.types import Float32Array
 
@@ -23,17 +22,7 @@ ROWS = 16
 
 
 class RowSpectra:
-    """Row transforms of one length, shared by threads.
-
-    Parameters
-    ----------
-    channels, length : int
-        Channels of the pictures and transform length in px.
-    planning : {"estimate", "measure"}
-        How FFTW plans, see :class:`rsdeblur.Deconvolver`.
-    threads : int
-        Number of threads.
-    """
+    """Row transforms of one length, px, with the buffers of each thread."""
 
     def __init__(self, channels: int, length: int, *, planning: Planning, threads: int) -> None:
         self.channels, self.length, self.team = channels, length, ThreadTeam(threads)

@@ -1,8 +1,13 @@
-"""Tiling of one axis of the picture: overlapping tiles, and the weights that blend their results.
+"""Tiling of one axis of the picture: overlapping tiles, how their ends meet, and the weights that blend their results.
 
 Results are interpolated linearly between the tile centres. At a distance x from its centre a tile's PSF is wrong by an
 amount that grows like x with a sign, so with linear weights the first-order errors of two neighbours cancel:
 `(1 - w) (w e) + w (-(1 - w) e) = 0`. Smoother windows lack this property.
+
+A discrete Fourier transform repeats its input, so a step from the last row to the first would ring through the result.
+As in Sindelar and Sroubek (2013), opposite ends are blended over the PSF's width. The picture itself does not change:
+it is continued by reflection, and only the continuation fades from one end into the other. `rsdeblur.kernels.lines`
+does this while it moves data.
 """
 
 from __future__ import annotations
@@ -25,39 +30,19 @@ BAND_EXCESS = 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tile:
-    """One tile along an axis: the positions that it reads, and those that it contributes to.
+    """One tile along an axis: the positions that it reads, and those that it contributes to."""
 
-    Parameters
-    ----------
-    start : int
-        First position read; may be negative: the border continues the picture there.
-    first : int
-        First position that the tile contributes to.
-    weights : ndarray, shape (m,), float32
-        Weight of the tile at positions `first` to `first + m - 1`, positive.
-    """
-
-    start: int
-    first: int
-    weights: NDArray[np.float32]
+    start: int  # first position read; may be negative: the border continues the picture there
+    first: int  # first position that the tile contributes to
+    weights: NDArray[np.float32]  # of the tile from there on, positive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tiling:
-    """All tiles of one axis; they share one transform length.
+    """All tiles of one axis, by position; they share one transform length."""
 
-    Parameters
-    ----------
-    length : int
-        Transform length, px.
-    taper : int
-        Number of positions at the end of each tile that fade into those before its start.
-    tiles : tuple of Tile
-        Tiles by position.
-    """
-
-    length: int
-    taper: int
+    length: int  # px
+    taper: int  # positions at the end of each tile that fade into those before its start
     tiles: tuple[Tile, ...]
 
     @classmethod
@@ -71,32 +56,16 @@ class Tiling:
         periodic: bool,
         excess: float = WHOLE_EXCESS,
     ) -> Tiling:
-        """Cut an axis into tiles.
+        """Cut an axis of `n` px into tiles, of which each PSF holds at one of the `centres` (B,), px.
 
-        Parameters
-        ----------
-        centres : ndarray, shape (B,)
-            Where each tile's PSF holds, px.
-        n : int
-            Length of the axis, px.
-        kernel : int
-            Size of the PSFs along the axis, px. A tile of the whole axis is longer than the axis by that.
-        margin : int
-            By how much any other tile is longer than the part that it contributes, px.
-        periodic : bool
-            Whether the picture repeats; a single tile then has exactly its length.
-        excess : float
-            Share by which the transforms of several tiles may be longer than needed.
+        A single tile spans the whole axis, and so do all tiles if they would be no shorter.
 
-        Returns
-        -------
-        Tiling
-            A single tile spans the whole axis, and so do all tiles if they would be no shorter.
+        - A tile of the whole axis is longer than it by the size `kernel` of the PSFs, px, unless the picture is
+          periodic.
+        - Any other tile is longer by `margin` px than the part that it contributes.
+        - `excess` is the share by which the transforms of several tiles may be longer than needed.
 
-        Raises
-        ------
-        InputError
-            If two centres are less than a pixel apart, or one is outside the picture.
+        `InputError` is raised if two centres are less than a pixel apart, or one is outside the picture.
         """
         weights = hat_weights(centres, n)
         supports = [np.flatnonzero(row) for row in weights]
@@ -119,13 +88,19 @@ class Tiling:
         return cls(length, length - longest, tiles)
 
 
-def hat_weights(centres: FloatArray, n: int) -> FloatArray:
-    """Return weights of linear interpolation between `centres` at positions 0 to n - 1, constant beyond the outer ones.
+def fade(n: int) -> NDArray[np.float32]:
+    """Return a smooth ramp of `n` values strictly between 0 and 1.
 
-    Returns
-    -------
-    ndarray, shape (len(centres), n)
-        A partition of unity: columns sum to 1.
+    At the end of a tile it is the weight of the pixels that precede the tile.
+    """
+    ramp: NDArray[np.float32] = (0.5 - 0.5 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1))).astype(np.float32)
+    return ramp
+
+
+def hat_weights(centres: FloatArray, n: int) -> FloatArray:
+    """Return weights (B, n) of linear interpolation between `centres` (B,) at positions 0 to n - 1.
+
+    They are constant beyond the outer centres, and each column sums to 1.
     """
     positions = np.arange(n)
     return np.stack([np.interp(positions, centres, unit) for unit in np.eye(len(centres))])

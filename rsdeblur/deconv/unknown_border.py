@@ -1,9 +1,9 @@
 """Deconvolution that leaves open what the camera would have recorded beyond the frame.
 
-A picture that was made periodic (:mod:`rsdeblur.deconv.boundary`) has pixels beyond its frame whose values are guesses,
-and the solution explains them like the others. Here only the recorded pixels count: the data term is
-``|M (A u - g)|^2`` with the mask M of the frame [1]_ [2]_. It is least where the other pixels z have the values of the
-blurred solution, so in a solve with the pull v of a prior they satisfy
+A picture is made periodic first: rows and columns after the last ones lead from its end to its start without a seam,
+and are cut off after the solve. Their values are guesses, which other solutions explain like the recorded ones. Here
+only the recorded pixels count: the data term is ``|M (A u - g)|^2`` with the mask M of the frame [1]_ [2]_. It is least
+where the other pixels z have the values of the blurred solution, so in a solve with the pull v of a prior they satisfy
 
     z = N A B (A^T (M g + z) + beta v)
 
@@ -21,13 +21,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy import fft
 
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Planning
-from rsdeblur.deconv.coupling import Coupling
+from rsdeblur.deconv.fft import fast_length
 from rsdeblur.deconv.hybrid import COLUMNS
+from rsdeblur.deconv.priors import Coupling
 from rsdeblur.deconv.quadratic import NormalSums, TileQuadratic
+from rsdeblur.deconv.tiling import WHOLE_EXCESS
 from rsdeblur.kernels import spectral
 from rsdeblur.kernels.normal import add_normal
 from rsdeblur.psf import PsfBank
@@ -41,14 +44,8 @@ STEPS = 2
 class UnknownBorderQuadratic(TileQuadratic):
     """A solver of pictures that repeat, of which the last rows and columns were not recorded.
 
-    Parameters
-    ----------
-    bank, shape
-        See :class:`TileQuadratic`.
-    recorded : (int, int)
-        Numbers of rows and columns that were recorded. A picture to be solved holds first guesses in the others.
-    nsr, planning, threads
-        See :class:`TileQuadratic`.
+    `recorded` are the numbers of rows and columns that were. A picture to be solved holds first guesses in the others
+    (:func:`extended`). Other arguments are those of :class:`TileQuadratic`.
     """
 
     def __init__(
@@ -157,3 +154,67 @@ class UnknownBorderQuadratic(TileQuadratic):
 
 def _dot(a: Sequence[FloatImage], b: Sequence[FloatImage]) -> float:
     return sum(float(np.sum(x * y, dtype=np.float64)) for x, y in zip(a, b, strict=True))
+
+
+def extended(light: FloatImage, bank: PsfBank) -> FloatImage:
+    """Return the picture (H, W, C) made periodic; its own rows and columns come first."""
+    height, width, _ = extended_shape(light.shape, bank)
+    return smooth(light, height, width)
+
+
+def extended_shape(shape: tuple[int, ...], bank: PsfBank) -> tuple[int, int, int]:
+    """Return the shape of :func:`extended`: larger by at least a PSF."""
+    height, width, channels = shape
+    tall, wide = bank.size
+    return fast_length(height + tall, excess=WHOLE_EXCESS), fast_length(width + wide, excess=WHOLE_EXCESS), channels
+
+
+def smooth(light: FloatImage, height: int, width: int) -> FloatImage:
+    """Fill the added pixels with harmonic functions (zero Laplacian), in the manner of Liu and Jia (2008).
+
+    First the rows that join the last row to the first, then the columns that join the last column to the first, then
+    the corner between both.
+    """
+    out = np.empty((height, width, light.shape[2]), dtype=np.float32)
+    tall, wide, _ = light.shape
+    out[:tall, :wide] = light
+    below = _between(light[-1], light[0], height - tall)
+    right = _between(light[:, -1], light[:, 0], width - wide)
+    out[tall:, :wide] = below
+    out[:tall, wide:] = right.swapaxes(0, 1)
+    # The corner lies between the last and, as the picture repeats, the first row of `right`, and so it does between
+    # the last and the first column of `below`.
+    ring = np.zeros((height - tall + 2, width - wide + 2, light.shape[2]))
+    ring[0, 1:-1], ring[-1, 1:-1] = right[:, -1], right[:, 0]
+    ring[1:-1, 0], ring[1:-1, -1] = below[:, -1], below[:, 0]
+    out[tall:, wide:] = _harmonic(ring)
+    return out
+
+
+def _between(start: FloatImage, end: FloatImage, count: int) -> NDArray[np.float64]:
+    """Return `count` lines, shape (count, n, C), that lead harmonically from `start` to `end` (n, C)."""
+    ring = np.zeros((count + 2, *start.shape))
+    ring[0], ring[-1] = start, end
+    # The two short sides lead straight from corner to corner.
+    step = np.linspace(0, 1, count + 2)[:, None]
+    for side in (0, -1):
+        ring[:, side] = (1 - step) * start[side] + step * end[side]
+    lines = ring[1:-1]
+    lines[:, 1:-1] = _harmonic(ring)
+    return lines
+
+
+def _harmonic(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the harmonic function inside the border of `ring` (h + 2, w + 2, C); only that border is read."""
+    inner = tuple(max(n - 2, 0) for n in ring.shape[:2])
+    known = np.zeros((*inner, ring.shape[2]))
+    if not known.size:
+        return known
+    known[0] -= ring[0, 1:-1]
+    known[-1] -= ring[-1, 1:-1]
+    known[:, 0] -= ring[1:-1, 0]
+    known[:, -1] -= ring[1:-1, -1]
+    down, across = (2 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1)) - 2 for n in inner)
+    sines = fft.dstn(known, type=1, axes=(0, 1)) / (down[:, None] + across)[..., None]
+    solved: NDArray[np.float64] = fft.idstn(sines, type=1, axes=(0, 1))
+    return solved

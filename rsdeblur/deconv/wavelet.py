@@ -33,7 +33,7 @@ import numpy as np
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share, thread_count
 from rsdeblur.errors import InputError
-from rsdeblur.kernels.frame import GATES, HALO, LEVELS, ORIENTATIONS, WORK, combine, cut_block, put_block
+from rsdeblur.kernels.frame import HALO, LEVELS, ORIENTATIONS, WORK, combine, cut_block, put_block
 from rsdeblur.kernels.lines import continued
 from rsdeblur.types import Float32Array, FloatArray, FloatImage
 
@@ -55,17 +55,11 @@ OPPONENT = np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3.0], [2.0]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameSum:
-    """Learned factors of a sum of K shrunk pictures; each is a linear function of Q features.
+    """Learned factors of a sum of K shrunk pictures; each is a linear function of Q features."""
 
-    Parameters
-    ----------
-    means : ndarray, shape (2, Q, K)
-        Factors of the means of the last level, for brightness and for colour differences.
-    differences : ndarray, shape (2, Q, K, LEVELS, 2, 3)
-        Factors of the differences: along one axis and along both, without a gate and with each gate.
-    """
-
+    # Factors of the means of the last level (2, Q, K), for brightness and for colour differences.
     means: FloatArray
+    # Factors of the differences (2, Q, K, LEVELS, 2, 3): along one axis and along both, without and with each gate.
     differences: FloatArray
 
     def at(self, features: FloatArray) -> tuple[Float32Array, Float32Array]:
@@ -80,24 +74,12 @@ class FrameSum:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Factors:
-    """All learned factors.
+    """All learned factors."""
 
-    Parameters
-    ----------
-    ratios : ndarray, shape (K,)
-        Weights of the gradient prior, as multiples of the weight; increasing.
-    knots : ndarray, shape (Q - 1,)
-        Logarithms to base 10 of the weights at which the factors were learned, increasing.
-    linear : FrameSum
-        Sum of the K linear restorations.
-    piloted : FrameSum
-        Sum of the restoration `MIDDLE` and the result of the sparse steps.
-    """
-
-    ratios: FloatArray
-    knots: FloatArray
-    linear: FrameSum
-    piloted: FrameSum
+    ratios: FloatArray  # weights of the gradient prior, as multiples of the weight (K,), increasing
+    knots: FloatArray  # logarithms to base 10 of the weights at which the factors were learned (Q - 1,), increasing
+    linear: FrameSum  # sum of the K linear restorations
+    piloted: FrameSum  # sum of the restoration `MIDDLE` and the result of the sparse steps
 
     @classmethod
     @cache
@@ -125,27 +107,16 @@ def features(weight: float, noise_share: float, knots: FloatArray) -> FloatArray
 class WaveletPrior:
     """The learned prior, with what it must know of a picture. :meth:`rsdeblur.estimate.Tuning.wavelet` makes one.
 
-    Parameters
-    ----------
-    weight : float
-        Weight of the gradient prior that suits the picture, from 1e-20 to 1e20: larger is smoother.
-    variances : sequence of float
-        Variances of the noise of the frame's coefficients, from 0 to 1e24, K x LEVELS x 3 of them, see
-        :func:`band_shape`.
-    noise_share : float
-        Share of the noise in the power of noise and of the model's errors, from 0 to 1.
-    sparse : DerivativePrior
-        Prior of the sparse steps, "tv" or "hyper-laplacian".
-
-    Raises
-    ------
-    InputError
-        If an argument is out of range.
+    `InputError` is raised if a field is out of its range.
     """
 
+    # Weight of the gradient prior that suits the picture, from 1e-20 to 1e20: larger is smoother.
     weight: float
+    # Variances of the noise of the frame's coefficients, from 0 to 1e24, as many as :func:`band_shape` says.
     variances: tuple[float, ...]
+    # Share of the noise in the power of noise and of the model's errors, from 0 to 1.
     noise_share: float
+    # Prior of the sparse steps, "tv" or "hyper-laplacian".
     sparse: DerivativePrior
 
     def __post_init__(self) -> None:
@@ -223,21 +194,11 @@ def add_up(
     periodic: bool,
     threads: int | None,
 ) -> FloatImage:
-    """Return the sum of shrunk pictures; threads share blocks.
+    """Return the sum of the shrunk `latents`, K pictures (H, W, C), least regularised first.
 
-    Parameters
-    ----------
-    latents : sequence of ndarray, shape (H, W, C), float32
-        K pictures, least regularised first. The energies of each gate the one before; those of the last one gate that
-        one, too.
-    variances : ndarray, shape (K, LEVELS, 3), float32
-        Variances of the noise of their coefficients.
-    factors : tuple of ndarray
-        See :meth:`FrameSum.at`.
-    periodic : bool
-        Whether the pictures repeat; else they are mirrored at the border.
-    threads : int, optional
-        Default all processors.
+    The energies of each gate the one before; those of the last one gate that one, too. `variances` (K, LEVELS, 3) are
+    those of the noise of their coefficients, `factors` those of :meth:`FrameSum.at`. Pictures that are not periodic are
+    mirrored at the border.
     """
     (height, width, channels), (means, differences) = latents[0].shape, factors
     out = np.empty_like(latents[0])
@@ -258,7 +219,7 @@ def add_up(
             cut_block(latent, down[top : top + size[0]], across[left : left + size[1]], mix, planes[thread, :, k])
         for c, result in enumerate(results[thread]):
             kind = 1 if channels == 3 and c > 0 else 0
-            combine(planes[thread, c], 9 * variances, means[kind], differences[kind], GATES, work[thread], result)
+            combine(planes[thread, c], 9 * variances, means[kind], differences[kind], work[thread], result)
         put_block(results[thread], mix, out[top : top + tall, left : left + wide])
 
     share(block, range(len(corners)), threads)

@@ -26,12 +26,12 @@ from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.tiling import BAND_EXCESS, Tiling
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import spectral
-from rsdeblur.kernels.otf import put_columns
-from rsdeblur.kernels.wiener import invert
+from rsdeblur.kernels.otf import invert, put_columns
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, FloatImage
 
-# Margins of tiles, in PSF sizes: by how much a tile is longer than the part that it contributes. The margin is a fade
+# Margins of tiles, in PSF sizes: by how much a tile is longer than the part that it contributes. Priors on derivatives
+# need the least one, because their last steps restore less where the OTF is small. The margin is a fade
 # between the two ends of the tile. The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of
 # K / (2 pi sqrt(Phi)), so a margin of 0.2 K / sqrt(Phi) is some 1.3 decay lengths. What smaller margins cost:
 # docs/developer/decisions.md.
@@ -56,21 +56,8 @@ PutColumns = Callable[[ComplexArray, int, int, ComplexArray], None]
 class TileFilter:
     """Base of all solvers of tiles: applies one filter per tile to pictures of one shape.
 
-    Parameters
-    ----------
-    bank : PsfBank
-        B x S kernels.
-    shape : (H, W) or (H, W, C)
-        Shape of the pictures.
-    margin : float
-        Margin of a tile: by how much it is longer than the part that it contributes, in PSF sizes.
-    border, planning, threads
-        See :class:`Deconvolver`.
-
-    Raises
-    ------
-    InputError
-        As :class:`Deconvolver` does.
+    `margin` is by how much a tile is longer than the part that it contributes, in PSF sizes. Other arguments and errors
+    are those of :class:`Deconvolver`.
     """
 
     def __init__(
@@ -351,12 +338,7 @@ class TileBlur(TileFilter):
     """The blur of a bank of PSFs, interpolated between tiles, and its adjoint.
 
     The adjoint blends tiles by where light arrives, not by where it comes from. It is exact for one tile; for several
-    it is as accurate as the PSF is constant over its own size.
-
-    Parameters
-    ----------
-    bank, shape, border, planning, threads
-        See :class:`Deconvolver`.
+    it is as accurate as the PSF is constant over its own size. Arguments are those of :class:`Deconvolver`.
     """
 
     def __init__(

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from rsdeblur.kernels.periodogram import smoothed_power
+from rsdeblur.kernels.whittle import smoothed_power
 from rsdeblur.types import FloatArray
 
 # Side of the tiles, px: small enough for the PSF to be constant within a tile.

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from rsdeblur._util.threads import share_map
-from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
-from rsdeblur.deconv.priors import DerivativePrior, brightness
+from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, DerivativePrior, brightness
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.periodograms import wrapped

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from rsdeblur._util import validate
 from rsdeblur._util.threads import share
-from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.image.encoded import ROWS, EncodedImage
 from rsdeblur.image.highlights import full_scale
-from rsdeblur.kernels.clipping import extremes, limit
+from rsdeblur.kernels.mend import extremes, limit
 from rsdeblur.types import Float32Array, FloatImage
 
 # Side of the window around a pixel that the photo's range is taken over, in lengths of the PSF: light of the pixel went
@@ -26,10 +27,6 @@ WINDOW = 1.5
 DARKER, MORE_COLOURED, LEAST_BEYOND = 1.0, 0.1, 1 / 255
 # Cells in the length of a PSF, the least size of a cell in px, and the number of cells over which the limits set in.
 CELLS, LEAST_CELL, FADE = 8, 8, 3
-# Square root of more light than a picture may have, 1e12.
-MOST_ROOT = 1e6
-# Rows that a thread changes at a time.
-ROWS = 64
 
 
 def keep_colours_near_clipped(
@@ -42,18 +39,8 @@ def keep_colours_near_clipped(
 ) -> None:
     """Limit luma and chroma of a result in place, beside pixels that the blurred picture has at full scale.
 
-    Parameters
-    ----------
-    sharp : ndarray, shape (h, W, C), float32
-        Linear light of the result.
-    encoded : EncodedImage
-        The blurred picture, shape (H, W, C).
-    first : int
-        Its row that is the first of `sharp`.
-    size : (int, int)
-        Height and width of the largest PSF, px.
-    threads : int, optional
-        Number of threads; default all processors. Any number gives the same bits.
+    `sharp` (h, W, C) is linear light from the row `first` of the blurred picture on; `size` is that of the largest PSF,
+    px.
     """
     height, _, channels = sharp.shape
     values = encoded.values[first : first + height, :, :channels]
@@ -76,7 +63,7 @@ def keep_colours_near_clipped(
     beyond = np.concatenate([DARKER * luma, *[MORE_COLOURED * chroma] * channels], axis=2)
     least, most = low - beyond - np.float32(LEAST_BEYOND), high + beyond + np.float32(LEAST_BEYOND)
     # Nothing says how bright clipped light was at most.
-    most[..., 0] = MOST_ROOT
+    most[..., 0] = validate.MOST_LIGHT
 
     def limit_rows(_: int, top: int) -> None:
         limit(sharp[top : top + ROWS], top, *step, near, least, most)

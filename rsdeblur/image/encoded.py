@@ -21,7 +21,7 @@ from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
 from rsdeblur.kernels.tone import look_up, to_srgb_levels
 from rsdeblur.motion.camera import Camera
 
-# Rows decoded or encoded at a time, which bounds the memory: a conversion takes several arrays of that size.
+# Rows converted or changed at a time, which bounds the memory: a conversion takes several arrays of that size.
 ROWS = 64
 # Number of rows by which floats are judged, and of different values between black and white that drawings do not have.
 JUDGED_ROWS, LEAST_LEVELS = 16, 16
@@ -29,16 +29,10 @@ JUDGED_ROWS, LEAST_LEVELS = 16, 16
 
 @dataclass(frozen=True, slots=True)
 class EncodedImage:
-    """A picture whose readout runs along y: encoded values and their tone curve.
+    """A picture whose readout runs along y: encoded values and their tone curve."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (H, W, C), uint8, uint16 or float
-        C is 1 to 4; the last channel of 2 or 4 is alpha. The range of integers represents [0, 1].
-    transfer : {"linear", "srgb"} or float
-        See :func:`rsdeblur.deblur`.
-    """
-
+    # Shape (H, W, C) with C from 1 to 4, the last channel of 2 or 4 being alpha; uint8, uint16 or float. The range of
+    # integers represents [0, 1].
     values: NDArray[Any]
     transfer: Transfer
 
@@ -48,17 +42,8 @@ class EncodedImage:
     ) -> EncodedImage:
         """Check a picture that lies as stored, and take it into the upright frame, if one is given, without a copy.
 
-        A transfer of "auto" is sRGB for integers and linear for floats.
-
-        Raises
-        ------
-        InputError
-            If it is not a picture.
-
-        Warns
-        -----
-        RsdeblurWarning
-            If floats are probably encoded values.
+        A transfer of "auto" is sRGB for integers and linear for floats. `InputError` is raised if it is not a picture,
+        and a warning issued if floats are probably encoded values.
         """
         array = validate.array("image", image)
         if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 4):
@@ -79,12 +64,9 @@ class EncodedImage:
         return height, width, channels - (channels in (2, 4))
 
     def linear(self, rows: slice, *, threads: int | None = 1) -> NDArray[np.float32]:
-        """Return linear light of `rows`, without alpha; threads share them.
+        """Return linear light of `rows`, without alpha.
 
-        Raises
-        ------
-        InputError
-            If a value is not finite, or its light or alpha is beyond 1e12.
+        `InputError` is raised if a value is not finite, or its light or alpha is beyond 1e12.
         """
         height, width, channels = self.shape
         rows = slice(*rows.indices(height)[:2])
@@ -118,14 +100,10 @@ class EncodedImage:
         return light
 
     def encode(self, light: NDArray[np.float32], rows: slice, out: NDArray[Any], *, threads: int | None = None) -> None:
-        """Encode `light` into `rows` of `out`, which is upright like the picture, and copy alpha; threads share rows.
+        """Encode `light` into `rows` of `out`, which is upright like the picture, and copy alpha.
 
         Results and alpha are clipped to [0, 1] if the picture or `out` has integers, and rounded if `out` has.
-
-        Raises
-        ------
-        InputError
-            If a value is not finite.
+        `InputError` is raised if a value is not finite.
         """
         channels = light.shape[2]
         clip = self.values.dtype.kind == "u" or out.dtype.kind == "u"
@@ -152,11 +130,8 @@ def result_like(
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the array for the result, `out` or a new float32 array, and its view (H, W, C), upright if `frame` is.
 
-    Raises
-    ------
-    InputError
-        If `out` is not a writable array of the picture's shape and of float32, uint8 or uint16; or if it has integers,
-        and most values of the picture are floats beyond 1, which would all become white.
+    `InputError` is raised if `out` is not a writable array of the picture's shape and of float32, uint8 or uint16; or
+    if it has integers, and most values of the picture are floats beyond 1, which would all become white.
     """
     image = np.asarray(image)
     shape = image.shape
@@ -205,30 +180,10 @@ def check_size(shape: tuple[int, ...], camera: Camera) -> None:
 
 
 def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.float32], Camera]:
-    """Reduce a picture, and the camera with it, until the longer side has `side` px.
+    """Return a picture reduced until its longer side has `side` px, encoded as float32, and its camera.
 
-    Sindelar and Sroubek (2013) reduce pictures of 3264x2448 to 2048x1536.
-
-    Parameters
-    ----------
-    image : array_like, shape (H, W) or (H, W, C)
-        As for :func:`rsdeblur.deblur`.
-    camera : Camera
-        Camera of the picture.
-    side : int
-        Longer side in px; a smaller picture keeps its size.
-
-    Returns
-    -------
-    image : ndarray, float32
-        Encoded values; integers are scaled to [0, 1].
-    camera : Camera
-        Camera of the reduced picture.
-
-    Raises
-    ------
-    InputError
-        If `image` is not a picture, or does not have the camera's size.
+    Integers are scaled to [0, 1], and a smaller picture keeps its size. Sindelar and Sroubek (2013) reduce pictures of
+    3264x2448 to 2048x1536. `InputError` is raised if `image` is not a picture, or does not have the camera's size.
     """
     values = as_float(EncodedImage.of(image, "linear").values)
     check_size(values.shape, camera)

@@ -25,14 +25,9 @@ class ReadoutFrame:
 
     A picture with horizontal readout is turned a quarter clockwise; any other is left as it is. Everything else
     computes in the upright frame.
-
-    Parameters
-    ----------
-    stored : Camera
-        The camera of the picture as stored.
     """
 
-    stored: Camera
+    stored: Camera  # of the picture as stored
 
     @property
     def quarter(self) -> bool:

@@ -94,18 +94,10 @@ class Patch(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class HighlightSplit:
-    """A picture separated into highlights and a remainder.
-
-    Parameters
-    ----------
-    encoded : EncodedImage
-        The picture.
-    patches : tuple of Patch
-        Boxes that contain highlights; they do not overlap.
-    """
+    """A picture separated into highlights and a remainder."""
 
     encoded: EncodedImage
-    patches: tuple[Patch, ...] = ()
+    patches: tuple[Patch, ...] = ()  # boxes that contain highlights; they do not overlap
 
     def remainder(self, rows: slice, step: int = 1, *, threads: int | None = 1) -> FloatImage:
         """Return linear light of `rows` without highlights; `step` selects every `step`-th row and column."""
@@ -197,29 +189,8 @@ def separate_highlights(
 ) -> HighlightSplit:
     """Separate a picture into highlights and a remainder.
 
-    Parameters
-    ----------
-    encoded : EncodedImage
-        The picture.
-    spots : list of Spot
-        Clipped spots of that picture, see :func:`find_spots`, no larger than trails.
-    bank : PsfBank
-        PSFs of the picture.
-    threads : int, optional
-        Threads that share the work; default all processors.
-    max_memory : int, optional
-        Bytes that the work may take.
-    progress : callable, optional
-        Called with the finished fraction.
-
-    Returns
-    -------
-    HighlightSplit
-
-    Raises
-    ------
-    InputError
-        If `max_memory` is too small for the largest box.
+    `spots` are those of :func:`find_spots` that are no larger than trails. `InputError` is raised if the largest box
+    needs more than `max_memory` bytes.
     """
     near = list(_boxes(encoded, spots, bank))
     _check_memory(near, max_memory)

@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from rsdeblur._util.threads import share, share_blocks, share_map
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.kernels.undershoot import Between, depths, fade_to
+from rsdeblur.kernels.mend import Between, depths, fade_to
 from rsdeblur.types import FloatArray, FloatImage
 
 # Standard deviation of the Gaussian that the weight of the blurred picture is smooth by, in lengths of the PSF, and at
@@ -45,22 +45,10 @@ def fade_undershoot(
     *,
     threads: int | None = None,
 ) -> None:
-    """Fade a result in place where it contains light below black.
+    """Fade a result in place, where it contains light below black, towards the blurred picture.
 
-    Parameters
-    ----------
-    sharp : ndarray, shape (h, W, C), float32
-        Linear light of the result, not clipped.
-    encoded : EncodedImage
-        The blurred picture, shape (H, W, C).
-    first : int
-        Its row that is the first of `sharp`.
-    size : (int, int)
-        Height and width of the largest PSF, px.
-    peak : float, default 1.0
-        Value of the picture's bright parts.
-    threads : int, optional
-        Number of threads; default all processors. Any number gives the same bits.
+    `sharp` (h, W, C) is linear light, not clipped, from the row `first` of the blurred picture on. `size` is that of
+    the largest PSF, px, and `peak` the value of the picture's bright parts.
     """
     spread = max(LEAST_SPREAD, SPREAD * max(size))
     step = max(1, round(spread / CELLS))
@@ -106,13 +94,7 @@ def _below_black(sharp: FloatImage, step: int, threads: int | None) -> NDArray[n
 
 
 class UndershootMeter:
-    """Measurement, chunk by chunk, of the light below black that deblurring adds.
-
-    Parameters
-    ----------
-    height : int
-        Rows of the picture.
-    """
+    """Measurement, chunk by chunk, of the light below black that deblurring adds to a picture of so many rows."""
 
     def __init__(self, height: int) -> None:
         self._step = int(np.clip(height // 64, 1, ROW_STEP))

@@ -45,21 +45,10 @@ def _separate(light, first, last, luma, half):
 
 
 def separate(light: FloatImage, threads: int | None = None) -> tuple[FloatImage, FloatImage]:
-    """Return the brightness of a picture, and the picture at half size.
+    """Return the brightness (H, W, 1) of linear light (H, W, 3), and the picture at half size.
 
-    Parameters
-    ----------
-    light : ndarray, shape (H, W, 3), float32
-        Linear light.
-    threads : int, optional
-        Threads that share the rows; any number gives the same bits.
-
-    Returns
-    -------
-    luma : ndarray, shape (H, W, 1), float32
-        The brightness.
-    half : ndarray, shape (ceil(H / 2), ceil(W / 2), 3), float32
-        Means of 2 x 2 pixels; the last row and column of odd sizes count twice.
+    The latter, of shape (ceil(H / 2), ceil(W / 2), 3), has the means of 2 x 2 pixels; the last row and column of odd
+    sizes count twice.
     """
     height, width = light.shape[:2]
     luma, half = empty((height, width, 1), np.float32), empty((-(-height // 2), -(-width // 2), 3), np.float32)
@@ -140,20 +129,10 @@ def _evaluate(lines, luma, first, last, out):
 
 
 def join(luma: FloatImage, half: FloatImage, peak: float, out: FloatImage, threads: int | None = None) -> None:
-    """Fill the picture that has a brightness, and at half size about the colours of another one.
+    """Fill `out` (H, W, 3) with a picture that has the brightness `luma` (H, W, 1) and about the colours of `half`.
 
-    Parameters
-    ----------
-    luma : ndarray, shape (H, W, 1), float32
-        The brightness.
-    half : ndarray, shape (ceil(H / 2), ceil(W / 2), 3), float32
-        The colours.
-    peak : float
-        Value of the picture's bright parts.
-    out : ndarray, shape (H, W, 3), float32
-        Receives the picture.
-    threads : int, optional
-        Threads that share the rows; any number gives the same bits.
+    `half` is another picture of the scene, of shape (ceil(H / 2), ceil(W / 2), 3); `peak` is the value of the bright
+    parts.
     """
     flat, dark = (max(np.float32(share), TINY) for share in (FLAT * peak**2, DARK * peak))
     lines = empty((half.shape[0], 6, half.shape[1]), np.float32)

@@ -10,14 +10,13 @@ import numpy as np
 from rsdeblur.kernels._jit import njit, read_only
 from rsdeblur.types import Float32Array
 
-QUARTER = np.float32(0.25)
-
 
 @njit(nogil=True)
 def _halve(above, below, out):
+    quarter = np.float32(0.25)
     for x in range(len(out)):
         for c in range(out.shape[1]):
-            out[x, c] = QUARTER * (above[2 * x, c] + below[2 * x, c] + above[2 * x + 1, c] + below[2 * x + 1, c])
+            out[x, c] = quarter * (above[2 * x, c] + below[2 * x, c] + above[2 * x + 1, c] + below[2 * x + 1, c])
 
 
 @njit(nogil=True, fastmath={"reassoc"})  # sums in any order
@@ -43,13 +42,8 @@ def _energy(light):
 
 
 def halved_gradient_energy(light: Float32Array) -> float:
-    """Return the mean squared gradient of a picture at half its size, both directions and all channels added up.
+    """Return the mean squared gradient of linear light (H, W, C) at half its size, of both directions and all channels.
 
-    The last column has no difference across, and the last row none down.
-
-    Parameters
-    ----------
-    light : ndarray, shape (H, W, C), float32
-        Linear light, of at least 2 x 2 px.
+    They are added up. The last column has no difference across, and the last row none down. H and W are at least 2.
     """
     return float(_energy(read_only(light)))

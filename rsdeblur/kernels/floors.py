@@ -25,33 +25,15 @@ from rsdeblur.types import FloatArray
 
 
 class TilePowers(NamedTuple):
-    """Power of T tiles at F frequencies, sorted by cells; arrays of float64.
+    """Power of T tiles at F frequencies, which are sorted by C cells."""
 
-    Attributes
-    ----------
-    measured : ndarray, shape (T, F)
-        Periodograms, positive.
-    blurred : ndarray, shape (T, F)
-        Power expected from the scene and the blur, up to a gain, positive.
-    error : ndarray, shape (F,)
-        Power that an error of the paths of 1 px adds, in the same unit.
-    noise : ndarray, shape (F,)
-        Power of white noise of variance 1.
-    brightness : ndarray, shape (T,)
-        Brightness of the tiles, positive.
-    cells : ndarray of int64, shape (C + 1,)
-        First frequency of each cell, and F.
-    octaves : ndarray of int64, shape (C,)
-        Octave of each cell, from 0 on without a gap.
-    """
-
-    measured: FloatArray
-    blurred: FloatArray
-    error: FloatArray
-    noise: FloatArray
-    brightness: FloatArray
-    cells: NDArray[np.int64]
-    octaves: NDArray[np.int64]
+    measured: FloatArray  # periodograms (T, F), positive
+    blurred: FloatArray  # power (T, F) expected from the scene and the blur, up to a gain, positive
+    error: FloatArray  # power (F,) that an error of the paths of 1 px adds, in the same unit
+    noise: FloatArray  # power (F,) of white noise of variance 1
+    brightness: FloatArray  # of the tiles (T,), positive
+    cells: NDArray[np.int64]  # first frequency of each cell, and F, (C + 1,)
+    octaves: NDArray[np.int64]  # octave of each cell (C,), from 0 on without a gap
 
 
 # Sums in any order, so that the loops become SIMD code; NaN and infinity stay what they are.
@@ -114,17 +96,8 @@ def _fit(tiles, noises, squared, gains, steps, prior, weight):
 def fit_floors(tiles: TilePowers, start: tuple[float, float], steps: int, weight: float) -> tuple[FloatArray, float]:
     """Return the mean variance of the noise in each octave and the mean square of the paths' errors, px^2.
 
-    Parameters
-    ----------
-    tiles : TilePowers
-        Power of the tiles.
-    start : (float, float)
-        Variance of the noise and mean square of the errors at which the fit starts, positive; the latter is also the
-        prior for it.
-    steps : int
-        Number of steps.
-    weight : float
-        Frequencies that the prior counts for.
+    The fit starts at `start`, the values of both, positive. That of the errors is also their prior, which counts for
+    `weight` frequencies.
     """
     noises, mean = _first_noises(tiles, start[0]), tiles.brightness.mean()
     squared = _fit(tiles, noises, start[1], _first_gains(tiles), steps, start[1], weight)

@@ -110,11 +110,11 @@ def _gate_row(values, energy, soft, hard, factors, out):
 
 
 @njit(nogil=True)
-def _gate(band, energy, noise, factors, gates, first, out):
+def _gate(band, energy, noise, factors, first, out):
     """Add `band` times its factors to `out`."""
     height, width = band.shape
     tiny = np.float32(1e-30)
-    soft, hard = gates[0] * noise + tiny, gates[1] * noise + tiny
+    soft, hard = GATES[0] * noise + tiny, GATES[1] * noise + tiny
     for y in range(first, height - 1):
         inside = slice(first, width - 1)
         _gate_row(band[y, inside], energy[y, inside], soft, hard, factors, out[y, inside])
@@ -127,26 +127,15 @@ def _add_means(means, factor, out):
 
 
 @njit(nogil=True)
-def combine(planes, variances, low_factors, factors, gates, work, out):
-    """Shrink all planes in the frame and add them up.
+def combine(planes, variances, low_factors, factors, work, out):
+    """Shrink all planes in the frame and add them up in a block `out` (h - 2 HALO, w - 2 HALO).
 
-    Parameters
-    ----------
-    planes : ndarray, shape (K, h, w), float32
-        A block of one channel of each picture, least regularised first, with `HALO` px around the block. It is
-        overwritten.
-    variances : ndarray, shape (K, LEVELS, 3), float32
-        The s^2: nine times the variance of the noise of a coefficient.
-    low_factors : ndarray, shape (K,), float32
-        Factors of the means that are left at the last level.
-    factors : ndarray, shape (K, LEVELS, 3, 3), float32
-        The factors c0, c1, c2 of each level and orientation.
-    gates : ndarray, shape (2,), float32
-        The squares of t1 and t2.
-    work : ndarray, shape (WORK + K, h, w), float32
-        Workspace.
-    out : ndarray, shape (h - 2 HALO, w - 2 HALO), float32
-        The block.
+    - `planes` (K, h, w): one channel of each picture, least regularised first, with `HALO` px around the block. They
+      are overwritten.
+    - `variances` (K, LEVELS, 3): the s^2, nine times the variance of the noise of a coefficient.
+    - `low_factors` (K,): factors of the means that are left at the last level.
+    - `factors` (K, LEVELS, 3, 3): c0, c1 and c2 of each level and orientation.
+    - `work` (WORK + K, h, w): workspace.
     """
     count, height, width = planes.shape
     sums, bands, energies, spare = work[: 3 * LEVELS], work[-12:-9], work[-9:-6], work[-6:-2]
@@ -164,10 +153,7 @@ def combine(planes, variances, low_factors, factors, gates, work, out):
                 if k == count - 1:
                     _sums_of_squares(bands[o], first + step, spare, energies[o])
                 noise = variances[reference, level, o]
-                _gate(
-                    *(bands[o], energies[o], noise, factors[k, level, o], gates),
-                    *(first + step + 1, sums[3 * level + o]),
-                )
+                _gate(bands[o], energies[o], noise, factors[k, level, o], first + step + 1, sums[3 * level + o])
                 if 0 < k < count - 1:
                     _sums_of_squares(bands[o], first + step, spare, energies[o])
     for k in range(count):
@@ -183,11 +169,6 @@ def combine(planes, variances, low_factors, factors, gates, work, out):
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
             out[y, x] = total[HALO + y, HALO + x]
-
-
-# Signs of the differences across, down, along both axes, and of the means: for the pixel, its left neighbour, the one
-# above and the one above left.
-SIGNS = ((1, -1, 1, -1), (1, 1, -1, -1), (1, -1, -1, 1), (1, 1, 1, 1))
 
 
 @njit(nogil=True)

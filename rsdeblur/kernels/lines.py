@@ -41,27 +41,10 @@ def _cut(line: NDArray[Any], start: int, fade: Float32Array, periodic: bool, len
 def picture_to_lines_numpy(
     picture: Float32Array, top: int, rows: int, start: int, fade: Float32Array, periodic: bool, lines: Float32Array
 ) -> bool:
-    """Copy the tile at `start` of picture rows into lines, one per channel and row.
+    """Copy the tile at `start` of some picture rows into `lines` (C, R, L); return whether all its values are finite.
 
-    Parameters
-    ----------
-    picture : ndarray, shape (H, W, C), float32
-        Values to copy.
-    top, rows : int
-        First row, and number of rows.
-    start : int
-        First position of the tile; it may lie beyond the picture.
-    fade : ndarray, shape (taper,), float32
-        Weights, at the last positions of the tile, of the values before its start.
-    periodic : bool
-        Whether rows continue by repetition beyond the picture; otherwise by reflection.
-    lines : ndarray, shape (C, R, L), float32
-        Output; the first `rows` of R are written.
-
-    Returns
-    -------
-    bool
-        Whether all values read are finite.
+    The rows are `rows` ones from `top` on; so many lines of each channel are written. `start` may lie beyond the
+    picture. `fade` (taper,) has the weights, at the last positions of the tile, of the values before its start.
     """
     block = np.moveaxis(picture[top : top + rows], -1, 0)
     lines[:, :rows] = _cut(block, start, fade, periodic, lines.shape[-1])

@@ -15,22 +15,10 @@ TINY = np.finfo(np.float32).tiny
 
 @njit(nogil=True, error_model="numpy")
 def add_normal(spectra, otfs, share, first, signal, power):
-    """Add one picture's part to the normal equations: `share conj(H) G` and `share |H|^2`.
+    """Add one picture's part to the normal equations: `share conj(H) G` to `signal`, `share |H|^2` to `power`.
 
-    Parameters
-    ----------
-    spectra : ndarray, shape (B, C, K, L), complex64
-        Spectra G of the picture.
-    otfs : ndarray, shape (B, K, L), complex64
-        Optical transfer functions H.
-    share : float32
-        Weight of the picture.
-    first : bool
-        Whether the sums start here; what `signal` and `power` held before is then ignored.
-    signal : ndarray, shape (B, C, K, L), complex64
-        Sum of the right-hand sides, changed in place.
-    power : ndarray, shape (B, K, L), float32
-        Sum of the matrices, changed in place.
+    `spectra` (B, C, K, L) are G and `otfs` (B, K, L) are H; `signal` and `power` have the same shapes. With `first`,
+    the sums start here, and what they held before is ignored.
     """
     for b in range(spectra.shape[0]):
         for k in range(otfs.shape[1]):
@@ -49,27 +37,15 @@ def add_normal(spectra, otfs, share, first, signal, power):
 
 @njit(nogil=True, error_model="numpy")
 def solve_normal(signal, power, across, down, nsr, coupling, pull, scale, spectra):
-    """Solve the normal equations with a prior that pulls.
+    """Solve the normal equations of :func:`add_normal` with a prior that pulls.
 
-    The result is `scale ((1 + nsr) signal + pull V) / (power + nsr + c0 + c1 d + c2 d^2)` at each frequency, where c is
-    `coupling` and d the sum of `across` and `down`.
+    At each frequency, `spectra` (B, C, K, L) has the spectrum V of what the adjoint makes of the prior's target. It is
+    replaced by
 
-    Parameters
-    ----------
-    signal, power : ndarray
-        Sums of :func:`add_normal`.
-    across, down : ndarray, shape (K,) and (L,), float32
-        Squared magnitudes of the frequency responses of the horizontal and the vertical difference.
-    nsr : float32
-        Weight of the squared picture.
-    coupling : (float32, float32, float32)
-        Weights of the prior's quadratic term (:class:`rsdeblur.deconv.coupling.Coupling`).
-    pull : float32
-        Weight of the pull.
-    scale : float32
-        Factor on the result.
-    spectra : ndarray, shape (B, C, K, L), complex64
-        Spectra V of the pull: what the adjoint makes of the target. Receives the result.
+        scale ((1 + nsr) signal + pull V) / (power + nsr + c0 + c1 d + c2 d^2)
+
+    where c is `coupling` (:class:`rsdeblur.deconv.priors.Coupling`) and d the sum of `across` (K,) and `down` (L,), the
+    squared magnitudes of the frequency responses of the horizontal and the vertical difference.
     """
     norm, tiny = np.float32(1.0) + nsr, np.float32(TINY)
     picture, gradient, bend = coupling

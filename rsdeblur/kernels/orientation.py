@@ -71,23 +71,10 @@ def _integrated(t, omega, out):
 
 
 def orientations(times: FloatArray, t: FloatArray, omega: FloatArray, rotations: FloatArray) -> FloatArray:
-    """Return the orientation at given times, see :class:`rsdeblur.motion.track.OrientationTrack`.
+    """Return the orientation (..., 3, 3) at `times` (...), see :class:`rsdeblur.motion.track.OrientationTrack`.
 
-    Parameters
-    ----------
-    times : ndarray, shape (...)
-        Times; before the first sample and after the last one, the track goes on as between the nearest two.
-    t : ndarray, shape (n,)
-        Sample times, increasing.
-    omega : ndarray, shape (n, 3)
-        Rates.
-    rotations : ndarray, shape (n, 3, 3)
-        Orientation at the samples.
-
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-        Matrices.
+    The samples have increasing times `t` (n,), rates `omega` (n, 3) and `rotations` (n, 3, 3). Before the first one and
+    after the last one, the track goes on as between the nearest two.
     """
     out = np.empty((times.size, 3, 3))
     _orientations(*(read_only(array) for array in (times.ravel(), t, omega, rotations)), out)
@@ -95,19 +82,9 @@ def orientations(times: FloatArray, t: FloatArray, omega: FloatArray, rotations:
 
 
 def integrated(t: FloatArray, omega: FloatArray) -> FloatArray:
-    """Return the orientation at the samples of a log, relative to that at the first one.
+    """Return the orientation (n, 3, 3) at the samples of a log, relative to that at the first one.
 
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        Sample times, increasing.
-    omega : ndarray, shape (n, 3)
-        Rates, which change linearly between samples.
-
-    Returns
-    -------
-    ndarray, shape (n, 3, 3)
-        Matrices.
+    The rates `omega` (n, 3) change linearly between the times `t` (n,), which increase.
     """
     out = np.empty((len(t), 3, 3))
     out[0] = np.eye(3)

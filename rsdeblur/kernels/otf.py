@@ -1,4 +1,4 @@
-"""What surrounds the two Fourier transforms of an OTF.
+"""What surrounds the two Fourier transforms of an OTF, and the Wiener filter of one.
 
 A transform of a small grid around the origin goes first along the rows, then along the columns, some of them at a time.
 Each kernel takes what one transform left to where the next one needs it, in one call: many tiles are planned at once,
@@ -8,7 +8,6 @@ and threads that hold Python's lock between short calls would wait for each othe
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rsdeblur.kernels._jit import njit
 from rsdeblur.types import ComplexArray, Float32Array
@@ -19,7 +18,11 @@ LINE = 8
 
 
 @njit(nogil=True)
-def _rows_around_origin(grid, factor, rows):
+def rows_around_origin(grid, factor, rows):
+    """Place a grid (n, m) times `factor`, its centre being the origin, at the corners of `rows` (n, M) that repeat.
+
+    M is at least m; all other values become 0.
+    """
     left = grid.shape[1] // 2
     right = grid.shape[1] - left
     for i in range(grid.shape[0]):
@@ -28,21 +31,6 @@ def _rows_around_origin(grid, factor, rows):
             rows[i, j] = grid[i, left + j] * factor
         for j in range(left):
             rows[i, rows.shape[1] - left + j] = grid[i, j] * factor
-
-
-def rows_around_origin(grid: NDArray[np.floating], factor: float, rows: Float32Array) -> None:
-    """Place a grid, whose centre is the origin, at the corners of rows that repeat.
-
-    Parameters
-    ----------
-    grid : ndarray, shape (n, m), float
-        The grid.
-    factor : float
-        Factor on its values.
-    rows : ndarray, shape (n, M), float32
-        Receives the values, M >= m; the others become 0.
-    """
-    _rows_around_origin(grid, factor, rows)
 
 
 # Real and imaginary parts alternate: such loops become SIMD code.
@@ -64,18 +52,10 @@ def _columns_around_origin(spectrum, gains, first, columns):
 
 
 def columns_around_origin(spectrum: ComplexArray, gains: Float32Array, first: int, columns: ComplexArray) -> None:
-    """Place columns of row spectra, of which the middle row is the origin, in columns that repeat.
+    """Place columns of row spectra (n, F), times `gains` (F,), in `columns` (K, M) that repeat.
 
-    Parameters
-    ----------
-    spectrum : ndarray, shape (n, F), complex64
-        Spectra of the rows.
-    gains : ndarray, shape (F,), float32
-        Factor on each column.
-    first : int
-        The first column.
-    columns : ndarray, shape (K, M), complex64
-        Receives K columns, M >= n; those beyond F and all other values become 0.
+    The columns are the K from `first` on; those beyond F become 0. The middle row of `spectrum` is the origin. M is at
+    least n; all other values become 0.
     """
     _columns_around_origin(spectrum.view(np.float32), gains, first, columns.view(np.float32))
 
@@ -100,24 +80,19 @@ def _lowest_frequencies(spectra, gains, out):
 
 
 def lowest_frequencies(spectra: ComplexArray, gains: Float32Array, out: ComplexArray) -> None:
-    """Take the lowest frequencies of spectra, in FFT's order, times a gain.
+    """Fill `out` (K, L) with the lowest frequencies of `spectra` (K, M), in FFT's order, times `gains` (L,); L <= M.
 
     The highest of an even number of frequencies has either sign: it becomes the mean of both.
-
-    Parameters
-    ----------
-    spectra : ndarray, shape (K, M), complex64
-        Spectra.
-    gains : ndarray, shape (L,), float32
-        Gains, L <= M.
-    out : ndarray, shape (K, L), complex64
-        Receives them.
     """
     _lowest_frequencies(spectra.view(np.float32), gains, out.view(np.float32))
 
 
 @njit(nogil=True)
-def _put_columns(columns, block, band, out):
+def put_columns(columns, block, band, out):
+    """Copy `columns` (N, L) of a band to where a pass over the blocks of columns reads them.
+
+    `out` has the shape (blocks, B, K, L). The first column goes to `block`; those beyond the last block are ignored.
+    """
     together = out.shape[2]
     for n in range(min(len(columns), together * (len(out) - block))):
         # By a loop: with the error message of `target[:] = source`, Numba takes two seconds more to compile.
@@ -126,16 +101,21 @@ def _put_columns(columns, block, band, out):
             target[i] = source[i]
 
 
-def put_columns(columns: ComplexArray, block: int, band: int, out: ComplexArray) -> None:
-    """Copy columns of a band to where a pass over the blocks of columns reads them.
+@njit(nogil=True, error_model="numpy")
+def _invert_line(otf, nsr, scale, out):
+    for i in range(len(otf) // 2):
+        real, imag = otf[2 * i], otf[2 * i + 1]
+        gain = scale / (real * real + imag * imag + nsr)
+        out[2 * i], out[2 * i + 1] = real * gain, -imag * gain
 
-    Parameters
-    ----------
-    columns : ndarray, shape (N, L), complex64
-        The columns; those beyond the last block are ignored.
-    block, band : int
-        Block that receives the first ones, and the band.
-    out : ndarray, shape (blocks, B, K, L), complex64
-        Blocks of K columns.
+
+@njit(nogil=True, error_model="numpy")
+def invert(otfs, nsr, scale, block, band, out):
+    """Place the Wiener filter `scale conj(H) / (|H|^2 + nsr)` of columns `otfs` (N, L) like :func:`put_columns`.
+
+    `nsr` and `scale` are float32; `nsr` is positive.
     """
-    _put_columns(columns, block, band, out)
+    columns = out.shape[2]
+    for n in range(min(len(otfs), columns * (len(out) - block))):
+        line = out[block + n // columns, band, n % columns]
+        _invert_line(otfs[n].view(np.float32), nsr, scale, line.view(np.float32))

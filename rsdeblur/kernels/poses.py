@@ -61,20 +61,11 @@ def _pinhole_paths(orientation, position, scene, rows, cols, matrices, pinhole, 
 
 
 def row_directions(world: FloatArray, rows: FloatArray, matrices: FloatArray) -> FloatArray:
-    """Return the directions of points in camera axes, each from the pose of a row.
+    """Return the directions (..., 3) of points in camera axes, each from the pose of a row.
 
-    Parameters
-    ----------
-    world : ndarray, shape (..., 3)
-        Points or directions in world axes; NaN where there is none, and then in the result.
-    rows : ndarray, shape (...)
-        Rows; poses are interpolated linearly between them. Beyond the first and last ones, and for NaN, these count.
-    matrices : ndarray, shape (2 H, 12)
-        Poses `[C | -C P]` of the rows from -H/2 on.
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
+    `world` (..., 3) are points or directions in world axes, and `rows` (...) their rows. `matrices` (2 H, 12) are the
+    poses `[C | -C P]` of the rows from -H/2 on, interpolated linearly; beyond the first and last ones, and for NaN,
+    these count. A point of NaN gives NaN.
     """
     out = np.empty((rows.size, 3))
     _row_directions(read_only(world.reshape(-1, 3)), read_only(rows.ravel()), read_only(matrices), out)
@@ -91,29 +82,14 @@ def pinhole_paths(
     pinhole: tuple[float, float, float, float],
     steps: int,
 ) -> FloatArray:
-    """Return the displacements of pixels on a grid, by fixed-point iteration over the rows that they fall on.
+    """Return the displacements (B, S, T, 2) of pixels, (x, y) in px; NaN behind the camera.
 
-    Parameters
-    ----------
-    orientation : ndarray, shape (B, T, 3, 3)
-        Orientation C of the camera at T times of each row.
-    position : ndarray, shape (B, T, 3)
-        Position of the camera then.
-    scene : ndarray, shape (B, S, 3)
-        Point or direction in camera axes that each pixel of the grid sees.
-    rows, cols : ndarray, shape (B,) and (S,)
-        Grid, px.
-    matrices : ndarray, shape (2 H, 12)
-        See :func:`row_directions`.
-    pinhole : tuple of float
-        Focal lengths along x and y, and principal point (x, y), px, of a camera without distortion.
-    steps : int
-        Steps of the iteration, which begins at the row of the pixel.
+    Fixed-point iteration finds the rows that the pixels fall on, beginning at their own.
 
-    Returns
-    -------
-    ndarray, shape (B, S, T, 2)
-        Displacements (x, y) in px; NaN behind the camera.
+    - `orientation` (B, T, 3, 3) and `position` (B, T, 3): those of the camera at T times of each row.
+    - `scene` (B, S, 3): point or direction in camera axes that each pixel of the grid `rows` (B,) x `cols` (S,) sees.
+    - `matrices`: poses, see :func:`row_directions`.
+    - `pinhole`: focal lengths along x and y, and principal point (x, y), px, of a camera without distortion.
     """
     arrays = (read_only(array) for array in (orientation, position, scene, rows, cols, matrices))
     out = np.empty((len(rows), len(cols), orientation.shape[1], 2))

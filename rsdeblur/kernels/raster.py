@@ -92,21 +92,10 @@ def _rasterize(first, stop, paths, kernels):
 def rasterize(
     paths: NDArray[np.float64], half_height: int, half_width: int, threads: int | None = None
 ) -> NDArray[np.float32]:
-    """Return the kernels of paths, of odd size and with the origin at the centre.
+    """Return the kernels (N, 2 half_height + 1, 2 half_width + 1) of paths; they sum to 1.
 
-    Parameters
-    ----------
-    paths : ndarray, shape (N, T, 2), C-contiguous
-        Displacements (x, y) in px at T >= 2 evenly spaced times, |x| < `half_width`, |y| < `half_height`.
-    half_height, half_width : int
-        Distances in px from the centre to the border: kernels are (2 half_height + 1) x (2 half_width + 1).
-    threads : int, optional
-        Number of threads that share the paths; default all processors. Any number gives the same bits.
-
-    Returns
-    -------
-    ndarray, shape (N, 2 half_height + 1, 2 half_width + 1)
-        Kernels that sum to 1; NaN where a displacement is not within these bounds, or is NaN.
+    `paths` (N, T, 2), C-contiguous, are displacements (x, y) in px at T >= 2 evenly spaced times, |x| < `half_width`,
+    |y| < `half_height`. The kernel of a path that is not within these bounds, or contains NaN, is NaN.
     """
     kernels = np.empty((len(paths), 2 * half_height + 1, 2 * half_width + 1), dtype=np.float32)
     paths = read_only(paths)

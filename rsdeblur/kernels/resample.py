@@ -162,7 +162,7 @@ def _filter_rows(first, stop, picture):
 def to_spline(picture: FloatImage, threads: int | None = None) -> None:
     """Replace a picture (h, w, C), C-contiguous, by the coefficients of the quintic spline through its pixels.
 
-    The filter is recursive (Unser 1999). `threads` share the work; any number gives the same bits.
+    The filter is recursive (Unser 1999).
     """
     height, width, channels = picture.shape
     share_range(lambda first, stop: _filter_rows(first, stop, picture), height, threads)
@@ -173,21 +173,9 @@ def to_spline(picture: FloatImage, threads: int | None = None) -> None:
 def sample(
     coefficients: FloatImage, x: NDArray[np.float32], y: NDArray[np.float32], threads: int | None = None
 ) -> FloatImage:
-    """Return the values of a spline at given places.
+    """Return the values (H, W, C) of a spline (:func:`to_spline`) at places x and y (H, W), px.
 
-    Parameters
-    ----------
-    coefficients : ndarray, shape (h, w, C), float32, C-contiguous
-        Quintic spline coefficients of the picture, see :func:`to_spline`.
-    x, y : ndarray, shape (H, W), float32
-        Places in px.
-    threads : int, optional
-        Number of threads that share the rows; default all processors. Any number gives the same bits.
-
-    Returns
-    -------
-    ndarray, shape (H, W, C), float32
-        NaN at places that are not finite or 2^31 px away.
+    They are NaN at places that are not finite or 2^31 px away.
     """
     channels = coefficients.shape[2]
     out: FloatImage = np.empty((*x.shape, channels), dtype=np.float32)

@@ -21,7 +21,7 @@ from scipy.linalg import solveh_banded
 
 from rsdeblur.kernels import native
 from rsdeblur.kernels._jit import njit
-from rsdeblur.types import ComplexArray, Float32Array, Int32Array
+from rsdeblur.types import Float32Array, Int32Array
 
 # Frequencies per block: the widest SIMD vector has 16 floats, and so does a cache line.
 LANES = 16
@@ -32,27 +32,18 @@ BLOCK = 3
 class RowModel(NamedTuple):
     """The blur of every row as taps: `A[y, j] = sum of weight * phase(shift)` for picture row y and latent row j.
 
-    Block J consists of the latent rows 3 J to 3 J + 2. All indices are int32, weights float32.
-
-    Parameters
-    ----------
-    row_first, row_end : ndarray, shape (blocks,)
-        Picture rows that see block J: `row_first[J]` to `row_end[J] - 1`.
-    coupled : ndarray, shape (blocks,)
-        First block that shares a picture row, or a gradient, with block J.
-    tap_start : ndarray
-        Index of the first tap of every pair of a latent row j and a picture row y that sees its block, j outermost; and
-        at the end the number of taps.
-    tap_shift : ndarray, shape (taps,)
-        Index into the table of phases.
-    tap_weight : ndarray, shape (taps,)
-        Weight of the tap.
+    Block J consists of the latent rows 3 J to 3 J + 2.
     """
 
+    # The picture rows `row_first[J]` to `row_end[J] - 1` see block J.
     row_first: Int32Array
     row_end: Int32Array
+    # First block that shares a picture row, or a gradient, with block J.
     coupled: Int32Array
+    # Index of the first tap of every pair of a latent row j and a picture row y that sees its block, j outermost; and
+    # the number of taps.
     tap_start: Int32Array
+    # Index into the table of phases, and weight, of each tap.
     tap_shift: Int32Array
     tap_weight: Float32Array
 
@@ -97,21 +88,6 @@ def lanes_to_spectra(lanes: Any, top: Any, spectra: Any, rows: Any) -> None:
                     spectra[c, r, first + i] = complex(lanes[b, c, top + r, 0, i], lanes[b, c, top + r, 1, i])
 
 
-def spectra_to_lanes_numpy(spectra: ComplexArray, rows: int, lanes: Float32Array, top: int) -> None:
-    """Readable twin of :func:`spectra_to_lanes`."""
-    for b, block in enumerate(lanes):
-        part = spectra[:, :rows, LANES * b : LANES * (b + 1)]
-        for axis, values in enumerate((part.real, part.imag)):
-            block[:, top : top + rows, axis, : part.shape[2]] = values
-
-
-def lanes_to_spectra_numpy(lanes: Float32Array, top: int, spectra: ComplexArray, rows: int) -> None:
-    """Readable twin of :func:`lanes_to_spectra`."""
-    values = lanes[:, :, top : top + rows, 0] + 1j * lanes[:, :, top : top + rows, 1]
-    whole = np.moveaxis(values, 0, 2).reshape(*values.shape[1:3], -1)
-    spectra[:, :rows] = whole[..., : spectra.shape[2]]
-
-
 def workspace_size_numpy(model: RowModel, table: Float32Array, rows: int, solve: bool) -> int:
     """Return the number of floats of workspace that a kernel needs; the twins need none."""
     return 0
@@ -125,20 +101,10 @@ def assembled_size_numpy(model: RowModel, table: Float32Array, rows: int) -> int
 def forward_numpy(
     model: RowModel, table: Float32Array, data: Float32Array, latent: Float32Array, workspace: Float32Array
 ) -> None:
-    """Compute the blur `data = A latent`.
+    """Compute the blur `data = A latent` of one block of frequencies.
 
-    Parameters
-    ----------
-    model : RowModel
-        The blur.
-    table : ndarray, shape (n, 2, 16), float32
-        Phases of the block, see :func:`phase_table`.
-    data : ndarray, shape (C, H, 2, 16), float32
-        Output: one block of the picture's lanes.
-    latent : ndarray, shape (C, L, 2, 16), float32
-        One block of the latent picture's lanes.
-    workspace : ndarray, float32
-        Buffer of at least :func:`workspace_size` values.
+    `data` (C, H, 2, 16) and `latent` (C, L, 2, 16) are lanes, `table` the phases of the block (:func:`phase_table`),
+    and `workspace` has at least :func:`workspace_size` values.
     """
     for lane, blur in enumerate(_matrices(model, table, data.shape[1])):
         _store(data, lane, blur @ _load(latent, lane))
@@ -162,13 +128,8 @@ def solve_numpy(
 ) -> None:
     """Solve `(A^H A + p0 + p1 D^T D + p2 (D^T D)^2) u = A^H data + latent`, p being `penalty`; u replaces `latent`.
 
-    Parameters
-    ----------
-    model, table, data, latent, workspace
-        See :func:`forward_numpy`.
-    penalty : ndarray, shape (3, 16), float32
-        Values for each frequency, the first ones positive, the others at least 0. D takes the differences of
-        neighbouring latent rows.
+    `penalty` (3, 16) has values for each frequency, the first ones positive, the others at least 0. D takes the
+    differences of neighbouring latent rows. Other parameters are those of :func:`forward_numpy`.
     """
     normal = np.empty(assembled_size_numpy(model, table, data.shape[1]), dtype=np.float64)
     assemble_numpy(model, table, normal, workspace, data.shape[1])
@@ -180,19 +141,7 @@ def solve_numpy(
 
 
 def assemble_numpy(model: RowModel, table: Float32Array, normal: Any, workspace: Float32Array, rows: int) -> None:
-    """Assemble the normal matrix `A^H A`.
-
-    Parameters
-    ----------
-    model, table
-        See :func:`forward_numpy`.
-    normal : ndarray, float32 or float64
-        Output: :func:`assembled_size` values.
-    workspace
-        See :func:`forward_numpy`.
-    rows : int
-        Number of picture rows.
-    """
+    """Assemble the normal matrix `A^H A` in `normal`, :func:`assembled_size` values, for a picture of so many rows."""
     records = normal.reshape(-1, 2, LANES)
     for lane, blur in enumerate(_matrices(model, table, rows)):
         values = (blur.conj().T @ blur).tocsr()[_tiles(model)]
@@ -208,18 +157,7 @@ def solve_assembled_numpy(
     penalty: Float32Array,
     rows: int,
 ) -> None:
-    """Solve `(A^H A + p0 + p1 D^T D + p2 (D^T D)^2) u = latent`, p being `penalty`; u replaces `latent`.
-
-    Parameters
-    ----------
-    model, table, normal, latent, workspace
-        See :func:`forward_numpy` and :func:`assemble_numpy`.
-    penalty : ndarray, shape (3, 16), float32
-        Values for each frequency, the first ones positive, the others at least 0. D takes the differences of
-        neighbouring latent rows.
-    rows : int
-        Number of picture rows.
-    """
+    """Solve as :func:`solve_numpy`, with `latent` as the right-hand side and the `normal` matrix already assembled."""
     n = model.latents
     differences = sparse.eye_array(n - 1, n, k=1) - sparse.eye_array(n - 1, n)
     once = differences.T @ differences

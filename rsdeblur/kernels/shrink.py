@@ -1,4 +1,4 @@
-"""Shrinkage of a picture's derivatives: the C kernels and their NumPy twins.
+"""Shrinkage of a picture's derivatives, the C kernels and their NumPy twins; and extrapolation between its steps.
 
 D takes forward differences. Beyond the last row and column they are zero or, if `periodic`, wrap around. All channels
 of a pixel are one vector, which is shortened as a whole: vectors up to a threshold vanish, and of others the share
@@ -15,6 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rsdeblur.kernels import native
+from rsdeblur.kernels._jit import njit
 from rsdeblur.types import Float32Array
 
 # Number of coefficients of the polynomial, and of planes of a workspace.
@@ -25,6 +26,8 @@ BENDING, MIXED = np.float32(2.0), np.float32(np.sqrt(2.0))
 FIRST, SECOND, TWIST = np.float32(0.5), np.float32(0.125), np.float32(0.25)
 # Rows of a picture on which a row of the output depends, on each side.
 REACH = 2
+# Values that stay in the first-level cache between the sums and the extrapolation.
+CHUNK = 2048
 
 
 def workspace(picture: Float32Array) -> Float32Array:
@@ -76,22 +79,9 @@ def shrunk_grad_adjoint_numpy(
 ) -> None:
     """Compute `D^T w`, where w is the shrunk gradient of `picture`; both directions of a pixel are one vector.
 
-    Parameters
-    ----------
-    picture : ndarray, shape (H, W, C), float32, C-contiguous
-        Values whose gradient is shrunk.
-    top, rows : int
-        First row to compute, and number of rows.
-    threshold : float32
-        Gradients up to this magnitude become 0.
-    polynomial : ndarray, shape (TERMS,), float32
-        Coefficients of the share that is left of others.
-    periodic : bool
-        Whether differences wrap around.
-    workspace : ndarray, shape (PLANES, C, W + 2), float32, C-contiguous
-        Overwritten; see :func:`workspace`.
-    out : ndarray, shape (H, W, C), float32, C-contiguous
-        Output; only these rows are written.
+    Of `picture` and `out`, (H, W, C) and C-contiguous, the `rows` from `top` on count. Gradients up to `threshold`
+    become 0; `polynomial` (TERMS,) is the share that is left of others. `workspace` is overwritten, see
+    :func:`workspace`.
     """
     near, own = _near(picture, top, rows, periodic)
     across, down = _shrunk(threshold, polynomial, *gradient(near, periodic=periodic))
@@ -111,12 +101,8 @@ def shrunk_derivatives_adjoint_numpy(
     """Compute `sum_k D_k^T w_k / 2` over five derivatives D_k, where w_k is the shrunk derivative of `picture`.
 
     The derivatives are `D_x u`, `D_y u`, `D_x^T D_x u / 2`, `D_y^T D_y u / 2` and `D_x D_y u / sqrt(2)`, and each of
-    them is shortened alone. They have about equal noise. `sum_k D_k^T D_k` is `D^T D + (D^T D)^2 / 4`.
-
-    Parameters
-    ----------
-    picture, top, rows, threshold, polynomial, periodic, workspace, out
-        See :func:`shrunk_grad_adjoint_numpy`.
+    them is shortened alone. They have about equal noise. `sum_k D_k^T D_k` is `D^T D + (D^T D)^2 / 4`. Parameters are
+    those of :func:`shrunk_grad_adjoint_numpy`.
     """
     near, own = _near(picture, top, rows, periodic)
 
@@ -138,3 +124,40 @@ shrunk_grad_adjoint: Callable[..., None] = native.shrunk_grad_adjoint if native 
 shrunk_derivatives_adjoint: Callable[..., None] = (
     native.shrunk_derivatives_adjoint if native else shrunk_derivatives_adjoint_numpy
 )
+
+
+@njit(nogil=True, fastmath={"reassoc"})  # sums in any order
+def _squares(before, after):
+    change = norm = np.float32(0.0)
+    for i in range(len(after)):
+        step = after[i] - before[i]
+        change += step * step
+        norm += after[i] * after[i]
+    return change, norm
+
+
+@njit(nogil=True)
+def _step(before, after, ahead):
+    for i in range(len(after)):
+        before[i] = after[i] + ahead * (after[i] - before[i])
+
+
+@njit(nogil=True)
+def _extrapolate(before, after, ahead):
+    total = whole = 0.0
+    for first in range(0, len(after), CHUNK):
+        old, new = before[first : first + CHUNK], after[first : first + CHUNK]
+        change, norm = _squares(old, new)
+        total += change
+        whole += norm
+        _step(old, new, ahead)
+    return total, whole
+
+
+def extrapolate(before: Float32Array, after: Float32Array, ahead: np.float32) -> tuple[float, float]:
+    """Replace `before` by `after + ahead (after - before)`, two steps of an iteration in C-contiguous arrays.
+
+    Return the sums of the squares of `after - before` and of `after`.
+    """
+    change, norm = _extrapolate(before.reshape(-1), after.reshape(-1), ahead)
+    return float(change), float(norm)

@@ -14,32 +14,15 @@ from rsdeblur.types import ComplexArray, Float32Array, Int32Array
 
 
 def multiply_numpy(spectra: ComplexArray, responses: ComplexArray) -> None:
-    """Multiply every channel of every slab by the frequency response of the slab's filter, in place.
-
-    Parameters
-    ----------
-    spectra : ndarray, shape (B, C, K, L), complex64, C-contiguous
-        Changed in place; it must not overlap `responses`.
-    responses : ndarray, shape (B, K, L), complex64, C-contiguous
-        One factor per frequency.
-    """
+    """Multiply the spectra (B, C, K, L) of slabs by `responses` (B, K, L), in place; they must not overlap."""
     spectra *= responses[:, None]
 
 
 def blend_numpy(accumulator: ComplexArray, slabs: ComplexArray, weights: Float32Array, spans: Int32Array) -> None:
     """Add weighted lines of slabs to the columns that they belong to, in place, one slab after the other.
 
-    Parameters
-    ----------
-    accumulator : ndarray, shape (C, K, H), complex64, C-contiguous
-        Changed in place at the positions of the spans; it must not overlap another array.
-    slabs : ndarray, shape (B, C, K, L), complex64, C-contiguous
-        Lines that are added.
-    weights : ndarray, shape (B, W), float32, C-contiguous
-        One weight per position of a span, which has at most W.
-    spans : ndarray, shape (B, 3), int32, C-contiguous
-        First position in `accumulator`, first position in the slab, and number of positions, which must lie within the
-        lines.
+    `accumulator` (C, K, H) must overlap neither `slabs` (B, C, K, L) nor `weights` (B, W). A row of `spans` (B, 3) has
+    the first position in `accumulator`, the first one in the slab, and the number of positions, at most W.
     """
     for slab, weight, (to, start, n) in zip(slabs, weights, spans.tolist(), strict=True):
         accumulator[..., to : to + n] += weight[:n] * slab[..., start : start + n]
@@ -54,18 +37,9 @@ def turns(n: int) -> ComplexArray:
 def unpair_numpy(pairs: ComplexArray, turns: ComplexArray, spectra: ComplexArray, top: int) -> None:
     """Compute the spectra of real lines from those of their pairs of neighbours, taken as complex numbers.
 
-    A transform of n pairs takes half the time of one of 2 n values, and uses SIMD better than FFTW's real ones.
-
-    Parameters
-    ----------
-    pairs : ndarray, shape (C, R, n), complex64, C-contiguous
-        Spectra of the pairs.
-    turns : ndarray, shape (n,), complex64
-        See :func:`turns`.
-    spectra : ndarray, shape (C, H, K), complex64, C-contiguous
-        Receives the spectra in R rows from `top` on, n + 1 values each, and zeros behind them.
-    top : int
-        First row that is written.
+    A transform of n pairs takes half the time of one of 2 n values, and uses SIMD better than FFTW's real ones. `pairs`
+    is (C, R, n), `turns` those of :func:`turns`. In `spectra` (C, H, K), the R rows from `top` on receive n + 1 values
+    each, and zeros behind them.
     """
     n = pairs.shape[2]
     mirrored = np.roll(pairs[..., ::-1], 1, axis=2).conj()

@@ -114,26 +114,14 @@ def interpolated(
     softness: float = 0.0,
     threads: int | None = None,
 ) -> NDArray[np.float32]:
-    """Return the kernels of paths, drawn on pixels by the interpolating window.
+    """Return the kernels (N, 2 half_height + 1, 2 half_width + 1) of paths, drawn by the interpolating window.
 
-    Parameters
-    ----------
-    paths : ndarray, shape (N, T, 2), C-contiguous
-        Displacements (x, y) in px at T >= 2 evenly spaced times.
-    half_height, half_width : int
-        Distances in px from the centre to the border, 4 px more than the largest displacements.
-    softness : float, default 0.0
-        Standard deviation in px, from 0 to 1, of a Gaussian around the paths.
-    threads : int, optional
-        Number of threads that share the paths; default all processors. Any number gives the same bits.
-
-    Returns
-    -------
-    ndarray, shape (N, 2 half_height + 1, 2 half_width + 1)
-        Kernels that sum to 1, with some negative values; all NaN if a displacement of any path exceeds these bounds.
+    `paths` (N, T, 2), C-contiguous, are displacements (x, y) in px at T >= 2 evenly spaced times. They must end 4 px
+    before the border of the kernels; if one of any path does not, all kernels are NaN. `softness` is the standard
+    deviation in px, from 0 to 1, of a Gaussian around the paths. Kernels sum to 1 and have some negative values.
     """
     kernels = np.full((len(paths), 2 * half_height + 1, 2 * half_width + 1), np.nan, dtype=np.float32)
-    if _fits(paths, (1.0, 1.0), kernels[0]):
+    if (np.abs(paths) <= (half_width - WIDTH // 2, half_height - WIDTH // 2)).all():
         table = _sinc_table(softness)
         share_range(lambda first, stop: _interpolate(first, stop, paths, table, kernels), len(paths), threads)
     return kernels
@@ -155,20 +143,8 @@ def _spread_within(path, down, across, table, grid):
 def spread(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> float:
     """Spread a path of unit energy over a grid; return the sum of the grid.
 
-    Parameters
-    ----------
-    path : ndarray, shape (T, 2)
-        Displacements (x, y) in px at T >= 2 evenly spaced times.
-    pitches : (float, float)
-        Grid points per px along y and x.
-    grid : ndarray, shape (n, m)
-        Output, of odd size, with no displacement at the centre; NaN if a displacement is less than half a window from
-        the border, or is NaN.
+    `path` (T, 2) has displacements (x, y) in px at T >= 2 evenly spaced times, `pitches` the grid points per px along y
+    and x. The centre of the grid, of odd size, is no displacement. The grid becomes NaN if a displacement is less than
+    half a window from the border, or is NaN.
     """
     return float(_spread_within(path, *pitches, _TABLE, grid))
-
-
-def _fits(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> bool:
-    """Return whether the grid holds the path with the window around it."""
-    down, across = ((n - 1 - WIDTH) / 2 / pitch for n, pitch in zip(grid.shape, pitches, strict=True))
-    return bool((np.abs(path) <= (across, down)).all())

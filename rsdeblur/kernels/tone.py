@@ -15,7 +15,6 @@ Stored = TypeVar("Stored", NDArray[np.uint8], NDArray[np.uint16])
 # IEC 61966-2-1: light up to END is multiplied by SLOPE; above, the curve is SCALE light^(1 / GAMMA) - OFFSET.
 END, SLOPE, SCALE, OFFSET = map(np.float32, (0.0031308, 12.92, 1.055, 0.055))
 GAMMA = 2.4
-ZERO, ONE = np.float32(0.0), np.float32(1.0)
 
 
 @njit(nogil=True)
@@ -25,16 +24,9 @@ def _look_up(table, values, light):
 
 
 def look_up(table: Float32Array, values: Stored, light: Float32Array) -> None:
-    """Decode integers by a table: in 0.4 to 0.6 of the time of :func:`numpy.take`, and threads may share the rows.
+    """Decode integers of any shape by a `table` of the light of all values that their type has, into `light`.
 
-    Parameters
-    ----------
-    table : ndarray, float32
-        Light of each value, for all values that the type has.
-    values : ndarray, uint8 or uint16
-        Encoded values of any shape.
-    light : ndarray, float32, C-contiguous
-        Receives linear light.
+    It takes 0.4 to 0.6 of the time of :func:`numpy.take`, and threads may share the rows.
     """
     _look_up(read_only(table), read_only(values).reshape(-1), light.reshape(-1))
 
@@ -49,13 +41,7 @@ def _choose(light, values):
 
 
 def to_srgb(light: Float32Array) -> Float32Array:
-    """Return encoded values of linear light; negative light keeps its sign.
-
-    Parameters
-    ----------
-    light : ndarray, float32, C-contiguous
-        Linear light of any shape, nominal range [0, 1].
-    """
+    """Return encoded values of linear light, C-contiguous; negative light keeps its sign."""
     values = np.abs(light, out=np.empty_like(light))
     np.power(values, np.float32(1 / GAMMA), out=values)
     _choose(light.reshape(-1), values.reshape(-1))
@@ -64,10 +50,10 @@ def to_srgb(light: Float32Array) -> Float32Array:
 
 @njit(nogil=True)
 def _round(light, values, most, levels):
-    lost = 0
+    lost, zero, one = 0, np.float32(0.0), np.float32(1.0)
     for i in range(len(light)):
         value = light[i] * SLOPE if light[i] <= END else values[i] * SCALE - OFFSET
-        levels[i] = np.int32(np.rint(min(max(value, ZERO), ONE) * most))
+        levels[i] = np.int32(np.rint(min(max(value, zero), one) * most))
         lost += not abs(light[i]) < np.inf
     return lost == 0
 
@@ -75,12 +61,7 @@ def _round(light, values, most, levels):
 def to_srgb_levels(light: Float32Array, dtype: np.dtype[Any]) -> tuple[NDArray[Any], bool]:
     """Return the encoded values of linear light as integers, clipped, and whether all light is finite.
 
-    Parameters
-    ----------
-    light : ndarray, float32, C-contiguous
-        Linear light of any shape, nominal range [0, 1].
-    dtype : dtype
-        Type of the integers, uint8 or uint16, of which the largest is 1.
+    The light is C-contiguous. The largest integer of `dtype`, uint8 or uint16, is 1.
     """
     values = np.abs(light, out=np.empty_like(light))
     np.power(values, np.float32(1 / GAMMA), out=values)

@@ -84,23 +84,10 @@ def _average_warps(first, stop, coefficients, warps, out, per_pixel):
 def average_warps(
     coefficients: NDArray[np.float32], warps: NDArray[np.float64], width: int, threads: int | None = None
 ) -> NDArray[np.float32]:
-    """Return the mean over t of the picture warped by `warps[y, t]`, for every output row y.
+    """Return the mean over t of the picture warped by `warps[y, t]`, for every output row y, shape (H, width, C).
 
-    Parameters
-    ----------
-    coefficients : ndarray, shape (h, w, C), float32
-        Cubic spline coefficients of the picture.
-    warps : ndarray, shape (H, T, 3, 3)
-        Homographies from output pixel (x, y, 1) to picture coordinates, T per output row.
-    width : int
-        Width of the output in px.
-    threads : int, optional
-        Number of threads that share the rows; default all processors. Any number gives the same bits.
-
-    Returns
-    -------
-    ndarray, shape (H, width, C), float32
-        The averaged picture; NaN where a warp leads nowhere.
+    `coefficients` (h, w, C) are those of the picture's cubic spline, `warps` (H, T, 3, 3) homographies from output
+    pixels (x, y, 1) to picture coordinates. The result is NaN where a warp leads nowhere.
     """
     channels = coefficients.shape[2]
     out = np.empty((len(warps), width, channels), dtype=np.float32)

@@ -1,4 +1,4 @@
-"""How likely the periodograms of tiles are under given power spectra.
+"""How likely the periodograms of tiles are under given power spectra, and how periodograms smooth these.
 
 A tile's periodogram P is compared with `V = a_k E + b N`: E the power expected from the scene and the blur, N that of
 white noise, b one of a few levels, and a_k the gain of the scene in the direction k. A periodogram is distributed
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share_range
 from rsdeblur.kernels._jit import njit, read_only
-from rsdeblur.types import FloatArray
+from rsdeblur.types import ComplexArray, FloatArray
 
 # Newton steps for the gains of a tile, and the change of a logarithm that ends them.
 STEPS, SETTLED = 12, 0.02
@@ -25,30 +25,53 @@ STEPS, SETTLED = 12, 0.02
 LONGEST = 1.0
 # A literal would turn terms of float32 into float64.
 HALF = np.float32(0.5)
+# Power of the Hann window's transform at a frequency and at either neighbour.
+HERE, ASIDE = np.float32(2 / 3), np.float32(1 / 6)
 # Least gain, as the power of the scene over that of the noise.
 FAINTEST = 3e-3
 
 
 class Tiles(NamedTuple):
-    """Periodograms of N tiles and their expectations, at F frequencies sorted by direction.
+    """Periodograms of N tiles and their expectations, at F frequencies sorted by direction."""
 
-    Parameters
-    ----------
-    power, noise : ndarray, shape (N, F)
-        Periodograms, and the power of the noise in them.
-    expected : ndarray, shape (K, F)
-        Power of scene and blur at K places, positive.
-    place : ndarray, shape (N,)
-        Index of each tile's place.
-    sectors : ndarray, shape (D + 1,)
-        First frequency of each of D directions, and F.
+    power: NDArray[np.float32]  # periodograms (N, F)
+    noise: NDArray[np.float32]  # power of the noise in them (N, F)
+    expected: NDArray[np.float32]  # power of scene and blur at K places (K, F), positive
+    place: NDArray[np.intp]  # index of each tile's place (N,)
+    sectors: NDArray[np.intp]  # first frequency of each of D directions, and F, (D + 1,)
+
+
+@njit(nogil=True)
+def _smoothed_power(spectra, out):
+    count, height, width = spectra.shape
+    # A column before the first one and after the last one, for each row and its neighbours.
+    power, smooth = np.empty((height, width + 2), np.float32), np.empty(width + 2, np.float32)
+    for n in range(count):
+        for y in range(height):
+            for x in range(width):
+                value = spectra[n, y, x]
+                power[y, x + 1] = value.real * value.real + value.imag * value.imag
+        # Opposite frequencies have the same power, so the columns beyond either end are columns upside down.
+        for y in range(height):
+            opposite = (height - y) % height
+            power[y, 0], power[y, width + 1] = power[opposite, 2], power[opposite, width - 1]
+        for y in range(height):
+            above, below = power[y - 1 if y > 0 else height - 1], power[y + 1 if y < height - 1 else 0]
+            here = power[y]
+            for x in range(width + 2):
+                smooth[x] = HERE * here[x] + ASIDE * (above[x] + below[x])
+            for x in range(width):
+                out[n, y, x] = HERE * smooth[x + 1] + ASIDE * (smooth[x] + smooth[x + 2])
+
+
+def smoothed_power(spectra: ComplexArray) -> NDArray[np.float32]:
+    """Return the power (N, H, W) of half spectra, smoothed as by a Hann window.
+
+    The spectra (N, H, W), W >= 3, are those of real tiles of H x 2 (W - 1) px, as `scipy.fft.rfft2` returns them.
     """
-
-    power: NDArray[np.float32]
-    noise: NDArray[np.float32]
-    expected: NDArray[np.float32]
-    place: NDArray[np.intp]
-    sectors: NDArray[np.intp]
+    out = np.empty(spectra.shape, np.float32)
+    _smoothed_power(read_only(spectra), out)
+    return out
 
 
 # Divisions and sums are in loops of their own, which become SIMD code. Arrays are assigned by loops as well: with the
@@ -172,23 +195,10 @@ def _fit(first, stop, tiles, levels, stiffness, nats, gains, chosen):
 def fit_gains(
     tiles: Tiles, levels: FloatArray, stiffness: float, *, threads: int | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the nats of all tiles, the gains, and the levels of the noise.
+    """Return the nats (N,) of all tiles, the gains (N, D), and the levels (N,) of the noise.
 
-    Parameters
-    ----------
-    tiles : Tiles
-        The tiles.
-    levels : ndarray
-        Candidates for the level of the noise, positive.
-    stiffness : float
-        Weight of the differences of the gains' logarithms, not negative.
-    threads : int, optional
-        Threads that share the tiles; default all processors. Any number gives the same bits.
-
-    Returns
-    -------
-    tuple of ndarray
-        Nats, shape (N,), gains, shape (N, D), and levels, shape (N,).
+    `levels` are candidates for the level of the noise, positive. `stiffness`, not negative, weighs the differences of
+    the gains' logarithms.
     """
     power, noise, expected, place, sectors = tiles
     count = len(power)
@@ -252,25 +262,10 @@ def information(
     *,
     threads: int | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the gradient of the nats of every tile and their Fisher information, without what the gains take over.
+    """Return the gradient (N, Q) of the nats of every tile and their Fisher information (N, Q, Q).
 
-    Parameters
-    ----------
-    tiles : Tiles
-        The tiles.
-    slopes : ndarray, shape (Q, K, F)
-        Derivatives of the logarithm of `tiles.expected` with respect to Q parameters.
-    fitted : tuple of ndarray
-        Gains and levels that :func:`fit_gains` returned.
-    stiffness : float
-        See :func:`fit_gains`.
-    threads : int, optional
-        Threads that share the tiles; default all processors. Any number gives the same bits.
-
-    Returns
-    -------
-    tuple of ndarray
-        Gradient, shape (N, Q), and information, shape (N, Q, Q).
+    The information is without what the gains take over. `slopes` (Q, K, F) are the derivatives of the logarithm of
+    `tiles.expected` with respect to Q parameters; `fitted` are the gains and levels that :func:`fit_gains` returned.
     """
     count, parameters = len(tiles.power), len(slopes)
     gradient, fisher = np.empty((count, parameters)), np.empty((count, parameters, parameters))

@@ -11,9 +11,8 @@ from itertools import pairwise
 import numpy as np
 
 from rsdeblur.deconv.chroma import halved
-from rsdeblur.deconv.quadratic import MARGIN
 from rsdeblur.deconv.rowwise_solver import ASSEMBLED_BYTES, MOST_MARGIN
-from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
+from rsdeblur.deconv.wiener import LEAST_MARGIN, LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.rowwise import BLOCK
 from rsdeblur.pipeline.solver import Chunk, ChunkSolver, Strengths, chroma_of
@@ -103,7 +102,7 @@ def _part(bank: PsfBank, rows: slice) -> PsfBank:
 
 def _margin(strengths: Strengths) -> float:
     """Return the margin of the tiles, in PSF sizes."""
-    return decay_margin(strengths.nsr) if strengths.weight is None else MARGIN
+    return decay_margin(strengths.nsr) if strengths.weight is None else LEAST_MARGIN
 
 
 def _reach(solver: ChunkSolver) -> int:

@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from rsdeblur.choices import DENOISERS, Chroma
-from rsdeblur.deconv.boundary import extended, extended_shape
 from rsdeblur.deconv.chroma import HalfChroma, Solve, half_shape, halved, halved_rows, luma_share, suits_half
 from rsdeblur.deconv.plug_and_play import PlugAndPlayPrior, named_denoiser
 from rsdeblur.deconv.priors import DerivativePrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.deconv.rowwise import RowDeconvolver
-from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic
+from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic, extended, extended_shape
 from rsdeblur.deconv.wavelet import WaveletPrior
 from rsdeblur.deconv.wiener import Deconvolver
 from rsdeblur.errors import InputError

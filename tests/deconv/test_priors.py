@@ -7,11 +7,12 @@ import pytest
 from scipy import ndimage
 
 from rsdeblur import PsfBank
-from rsdeblur.deconv.coupling import TO_PICTURE, Coupling
 from rsdeblur.deconv.priors import (
     DERIVATIVES,
     GRADIENT,
     PENALTIES,
+    TO_PICTURE,
+    Coupling,
     DerivativePrior,
     brightness,
     shrinkage,

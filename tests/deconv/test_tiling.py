@@ -7,9 +7,9 @@ import pytest
 
 from benchmarks.paper.continuations import reflected, tapered
 from rsdeblur import PsfBank
-from rsdeblur.deconv.boundary import extended, smooth
 from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.tiling import Tiling, hat_weights
+from rsdeblur.deconv.unknown_border import extended, smooth
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.motion import BlurPaths
 from rsdeblur.psf import tile_centres

@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 
 from rsdeblur import Camera, Exposure, PsfBank, deblur, deconvolve
-from rsdeblur.deconv.coupling import TO_PICTURE
+from rsdeblur.deconv.priors import TO_PICTURE
 from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic
 from rsdeblur.simulation.scene import scene
 

@@ -9,14 +9,14 @@ from scipy import ndimage
 
 from rsdeblur.kernels import chroma, frame
 from rsdeblur.kernels.energy import halved_gradient_energy
-from rsdeblur.kernels.extrapolate import CHUNK, extrapolate
-from rsdeblur.kernels.frame import GATES, HALO, LEVELS, WORK
-from rsdeblur.kernels.periodogram import smoothed_power
+from rsdeblur.kernels.frame import HALO, LEVELS, WORK
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.kernels.resample import to_spline
+from rsdeblur.kernels.shrink import CHUNK, extrapolate
 from rsdeblur.kernels.spread import interpolated
 from rsdeblur.kernels.tone import END, to_srgb, to_srgb_levels
 from rsdeblur.kernels.warp import average_warps
+from rsdeblur.kernels.whittle import smoothed_power
 from tests.oracles.geometry import rasterize_numpy, to_spline_numpy
 
 # A few roundings of values up to 1; slopes up to 4 divide by variances down to FLAT.
@@ -87,7 +87,7 @@ SHAPE = 45, 58
 def combined(planes, variances, means, factors):
     out = np.empty([n - 2 * HALO for n in planes.shape[1:]], np.float32)
     work = np.zeros((WORK + len(planes), *planes.shape[1:]), np.float32)
-    frame.combine(planes.copy(), variances, means, np.repeat(factors, 2, axis=-1)[..., ::2], GATES, work, out)
+    frame.combine(planes.copy(), variances, means, np.repeat(factors, 2, axis=-1)[..., ::2], work, out)
     return out
 
 

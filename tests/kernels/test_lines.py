@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rsdeblur.deconv.border import fade
+from rsdeblur.deconv.tiling import fade
 from rsdeblur.kernels import lines, native, why_pure
 
 N = 40

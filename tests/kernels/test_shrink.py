@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur.deconv.coupling import TO_DERIVATIVES
-from rsdeblur.deconv.priors import shrinkage
+from rsdeblur.deconv.priors import TO_DERIVATIVES, shrinkage
 from rsdeblur.kernels import shrink
 
 POLYNOMIAL = shrinkage(2 / 3)

@@ -18,7 +18,7 @@ from numba.core.dispatcher import Dispatcher
 from rsdeblur import kernels
 from rsdeblur.kernels import native
 from rsdeblur.kernels.floors import TilePowers
-from rsdeblur.kernels.frame import GATES, WORK
+from rsdeblur.kernels.frame import WORK
 from rsdeblur.kernels.rowwise import LANES, RowModel
 from rsdeblur.kernels.whittle import Tiles
 from tests import oracles
@@ -186,7 +186,7 @@ ARGUMENTS: dict[str, Callable[[Arrays], list[Any]]] = {
     "sample": lambda h: [h(6, 7, 3), h(5, 8), h(5, 8)],
     "combine": lambda h: [
         *(h.scratch(2, 37, 40), h(2, 4, 3), h(2), h(2, 4, 3, 6)[..., ::2]),
-        *(GATES, h.scratch(WORK + 2, 37, 40), h(5, 8)),
+        *(h.scratch(WORK + 2, 37, 40), h(5, 8)),
     ],
     "cut_block": lambda h: [h(5, 6, 3), np.array([1, 0, 4]), np.array([5, 0]), h(3, 3), h(3, 3, 2)],
     "row_directions": lambda h: [h(5, 3, dtype=np.float64), h(5, dtype=np.float64), h(8, 12, dtype=np.float64)],

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from rsdeblur.kernels.chroma import BLUE, DARK, FLAT, GREEN, MOST_RATIO, RED, TINY
+from rsdeblur.kernels.mend import Between
 from rsdeblur.kernels.tone import END, GAMMA, OFFSET, SCALE, SLOPE, Stored
-from rsdeblur.kernels.undershoot import Between
 from rsdeblur.types import Float32Array, FloatImage
 
 

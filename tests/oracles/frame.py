@@ -7,8 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.kernels.frame import GATES, HALO, LEVELS, ORIENTATIONS, SIGNS
+from rsdeblur.kernels.frame import GATES, HALO, LEVELS, ORIENTATIONS
 from rsdeblur.types import Float32Array
+
+# Signs of the differences across, down, along both axes, and of the means: for the pixel, its left neighbour, the one
+# above and the one above left.
+SIGNS = ((1, -1, 1, -1), (1, 1, -1, -1), (1, -1, -1, 1), (1, 1, 1, 1))
 
 
 def terms(
@@ -43,11 +47,10 @@ def combine_numpy(
     variances: Float32Array,
     low_factors: Float32Array,
     factors: Float32Array,
-    gates: Float32Array,
     work: Float32Array,
     out: Float32Array,
 ) -> None:
-    """Readable twin of :func:`combine`; `gates` are always `GATES`, and `work` is not used."""
+    """Readable twin of :func:`combine`; `work` is not used."""
     inside = np.s_[HALO:-HALO, HALO:-HALO]
     out[...] = 0
     for index, term in terms(planes, variances):

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from rsdeblur.kernels.raster import GAUSS_HIGH, GAUSS_LOW
 from rsdeblur.kernels.resample import ORDER
-from rsdeblur.kernels.spread import _TABLE, MOST_STEP, STEPS, WIDTH, _fits, _sinc_table
+from rsdeblur.kernels.spread import _TABLE, MOST_STEP, STEPS, WIDTH, _sinc_table
 from rsdeblur.kernels.warp import FARTHEST
 from rsdeblur.types import FloatArray, FloatImage
 
@@ -157,3 +157,9 @@ def average_warps_numpy(
             total[..., c] += np.where(known, values, np.nan)
     mean: NDArray[np.float32] = (total / samples).astype(np.float32)
     return mean
+
+
+def _fits(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> bool:
+    """Return whether the grid holds the path with the window around it."""
+    down, across = ((n - 1 - WIDTH) / 2 / pitch for n, pitch in zip(grid.shape, pitches, strict=True))
+    return bool((np.abs(path) <= (across, down)).all())

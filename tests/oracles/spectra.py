@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from rsdeblur.kernels.floors import TilePowers, _first_gains, _first_noises
 from rsdeblur.kernels.normal import TINY
+from rsdeblur.kernels.rowwise import LANES
 from rsdeblur.kernels.whittle import FAINTEST, LONGEST, SETTLED, STEPS, Tiles
 from rsdeblur.types import ComplexArray, Float32Array, FloatArray
 
@@ -177,3 +178,18 @@ def invert_numpy(
     target = out[block:, band]
     columns = otfs.reshape(-1, *target.shape[1:])[: len(target)]
     target[: len(columns)] = columns.conj() * (scale / (np.square(columns.real) + np.square(columns.imag) + nsr))
+
+
+def spectra_to_lanes_numpy(spectra: ComplexArray, rows: int, lanes: Float32Array, top: int) -> None:
+    """Readable twin of :func:`spectra_to_lanes`."""
+    for b, block in enumerate(lanes):
+        part = spectra[:, :rows, LANES * b : LANES * (b + 1)]
+        for axis, values in enumerate((part.real, part.imag)):
+            block[:, top : top + rows, axis, : part.shape[2]] = values
+
+
+def lanes_to_spectra_numpy(lanes: Float32Array, top: int, spectra: ComplexArray, rows: int) -> None:
+    """Readable twin of :func:`lanes_to_spectra`."""
+    values = lanes[:, :, top : top + rows, 0] + 1j * lanes[:, :, top : top + rows, 1]
+    whole = np.moveaxis(values, 0, 2).reshape(*values.shape[1:3], -1)
+    spectra[:, :rows] = whole[..., : spectra.shape[2]]

@@ -1,28 +1,67 @@
-"""Limits of luma and chroma beside clipped light.
+"""Mending a result cell by cell: light below black fades, luma and chroma keep their limits beside clipped light.
 
-Both work on square roots of linear light, which are about as even to the eye as encoded values. The *luma* of a pixel
-is the mean of its channels there, its *chroma* is what each channel has more than that.
+The limits hold for square roots of linear light, which are about as even to the eye as encoded values. The *luma* of a
+pixel is the mean of its channels there, its *chroma* is what each channel has more than that.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rsdeblur.kernels._jit import njit
+from rsdeblur.types import Float32Array
+
+# Indices (n,) of the cells before and after each of n pixels, and how near each is to the latter, from 0 to 1.
+Between = tuple[NDArray[np.intp], NDArray[np.intp], Float32Array]
+
+
+@njit(nogil=True)
+def depths(light, step, below):
+    """Fill `below` (M, N) with the mean depth below zero of light in cells, of the channel where it is largest.
+
+    `light` (h, W, C) has the rows of these cells. Their side is `step` px; the last ones may be smaller.
+    """
+    height, width, channels = light.shape
+    for m in range(below.shape[0]):
+        top, bottom = m * step, min(m * step + step, height)
+        for n in range(below.shape[1]):
+            left, right = n * step, min(n * step + step, width)
+            total = np.float32(0.0)
+            for y in range(top, bottom):
+                for x in range(left, right):
+                    lowest = np.float32(0.0)
+                    for c in range(channels):
+                        lowest = min(lowest, light[y, x, c])
+                    total -= lowest
+            below[m, n] = total / np.float32((bottom - top) * (right - left))
+
+
+@njit(nogil=True)
+def fade_to(sharp, blurred, weight, down, across):
+    """Fade `sharp` light (h, w, C) in place towards `blurred` light, by the weights (M, N) of cells.
+
+    `down` and `across` are the cells between which the h rows and the w columns lie; there, weights are interpolated
+    bilinearly.
+    """
+    above, under, low = down
+    left, right, far = across
+    for y in range(sharp.shape[0]):
+        first, second = weight[above[y]], weight[under[y]]
+        for x in range(sharp.shape[1]):
+            near = first[left[x]] + low[y] * (second[left[x]] - first[left[x]])
+            beyond = first[right[x]] + low[y] * (second[right[x]] - first[right[x]])
+            share = near + far[x] * (beyond - near)
+            if share != 0:
+                for c in range(sharp.shape[2]):
+                    sharp[y, x, c] += share * (blurred[y, x, c] - sharp[y, x, c])
 
 
 @njit(nogil=True)
 def extremes(roots, wide, lowest, highest):
-    """Measure the extremes of luma and chroma in one row of cells.
+    """Fill `lowest` and `highest` (N, C + 1) with the extremes of luma and chroma in one row of N cells.
 
-    Parameters
-    ----------
-    roots : ndarray, shape (h, W, C), float32
-        Square roots of the light of the rows of these cells.
-    wide : int
-        Width of a cell, px; the last one may be smaller.
-    lowest, highest : ndarray, shape (N, C + 1), float32
-        Receive the extremes of the luma and of the C values of the chroma.
+    `roots` (h, W, C) has the square roots of the light there. Cells are `wide` px wide; the last one may be smaller.
     """
     height, width, channels = roots.shape
     for n in range(len(lowest)):
@@ -46,22 +85,11 @@ def extremes(roots, wide, lowest, highest):
 
 @njit(nogil=True)
 def limit(rows, top, tall, wide, weight, least, most):
-    """Limit luma and chroma of a picture, by a weight; pixels brighter than full scale stay.
+    """Limit luma and chroma in `rows` (h, W, C) of a picture, in place; pixels brighter than full scale stay.
 
-    Weights and limits hold at the centres of cells, and are interpolated bilinearly.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (h, W, C), float32
-        Linear light of some rows of the picture, changed in place.
-    top : int
-        Number of the first of them.
-    tall, wide : int
-        Height and width of a cell, px; the last cells may be smaller.
-    weight : ndarray, shape (M, N), float32
-        Weights of the cells, in [0, 1]; 0 changes nothing.
-    least, most : ndarray, shape (M, N, C + 1), float32
-        Limits of the luma and of the C values of the chroma in the cells.
+    The rows are those from `top` on. Cells are `tall` x `wide` px; the last ones may be smaller. At the centres of
+    cells hold `weight` (M, N), from 0, which changes nothing, to 1, and the limits `least` and `most` (M, N, C + 1) of
+    the luma and of the C values of the chroma. Between them, both are interpolated bilinearly.
     """
     height, width, channels = rows.shape
     down, across = weight.shape
