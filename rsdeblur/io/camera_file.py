@@ -140,7 +140,7 @@ def finished(
 
     A `readout_time` of None, in s, is missing in the file.
     """
-    readout = UNKNOWN_READOUT if readout_time is None else {"readout_time": readout_time}
+    fields |= UNKNOWN_READOUT if readout_time is None else {"readout_time": readout_time}
     with source.parsing(facts.get("camera", "the camera")):
-        camera = Camera(*size, focal_length, **readout, **fields)
+        camera = Camera(*size, focal_length, **fields)
         return CameraFile(camera, format, facts, tuple(assumed)).fitted(request.size)
