@@ -28,7 +28,7 @@ from rsdeblur.cli._inputs import (
 )
 from rsdeblur.cli._log import Gravity
 from rsdeblur.cli._options import ONE_PHOTO, Recording, flag, require
-from rsdeblur.cli._output import level, prepare_folder, say_detail
+from rsdeblur.cli._output import LOG, level, prepare_folder
 from rsdeblur.pipeline.options import BLUR, Options
 
 # Pixels along the picture's edges that do not count, because light from beyond the frame blurred them.
@@ -116,7 +116,7 @@ def prepare(
         options = replace(options, transfer=transfer_of(inputs.picture, options.transfer))
     # With wrong axes, a correction may make the motion more like the right one, but never right.
     if options.refine and gravity.contradicts and not refine_anyway:
-        say_detail(f"{photo}: recording not corrected, because of the direction of gravity; --refine does it anyway")
+        LOG.info("%s: recording not corrected, because of the direction of gravity; --refine does it anyway", photo)
         options = replace(options, refine=False)
     translation = translation_of(recording, inputs.camera, inputs.exposure)
     return Prepared(inputs, replace(options, translation=translation), gravity, photo, recording)
@@ -343,13 +343,9 @@ def peak_memory_mib() -> float | None:
 
 @contextmanager
 def stopwatch() -> Iterator[list[float]]:
-    """Measure the time of the block in s, without compilation; the yielded list contains it after the block.
-
-    Only the first run after the installation compiles. Numba compiles one function at a time, whatever the thread.
-    """
+    """Measure the time of the block in s, without compilation; the yielded list contains it after the block."""
     seconds: list[float] = []
-    compiler = rs.TimingListener()
     begin = time.perf_counter()
-    with rs.install_listener("numba:compile", compiler):
+    with rs.compilation() as compiled:
         yield seconds
-    seconds.append(time.perf_counter() - begin - (compiler.duration if compiler.done else 0.0))
+    seconds.append(time.perf_counter() - begin - compiled())

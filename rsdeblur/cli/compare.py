@@ -60,6 +60,7 @@ Examples:
 @option(
     *("--mode", "modes"),
     section=BLUR,
+    basic=True,
     type=click.Choice(MODES),
     multiple=True,
     help="Mode to compare; repeat it.  [default: all]",
@@ -68,9 +69,9 @@ Examples:
 @option("--truth", type=PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
 @_options.target_options(
     "DIR",
-    "Folder to write to.  [default: PHOTO-compare beside the photo]",
+    "Folder to write to; by default PHOTO-compare beside it.",
     default=lambda photo, **_: _options.beside(photo, "-compare"),
-    report=True,
+    more=("report",),
 )
 def command(
     photo: Path,
@@ -135,9 +136,9 @@ def compare_modes(
     if target.report is not None:
         rs.write_page(target.report, complete(compared, recording, options, texts))
         report["report"] = str(target.report)
-    write_json(target.output / REPORT, report)
+    write_json(target.output / REPORT, "compare", report)
     if target.as_json:
-        print_json(report)
+        print_json("compare", report)
         return
     header, *rows = rs.mode_table(report)
     print_table(header, rows)

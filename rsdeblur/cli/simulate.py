@@ -35,7 +35,11 @@ Examples:
 )
 @option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise.")
 @option("--bits", type=click.Choice(["8", "16"]), default="8", show_default=True, help="Bits per channel.")
-@_options.target_options("DIR", "Folder to write to.")
+@_options.target_options(
+    "DIR",
+    "Folder to write to; by default SHARP-simulated beside the picture.",
+    default=lambda sharp, **_: _options.beside(sharp, "-simulated"),
+)
 def command(
     sharp: Path,
     recording: Recording,
@@ -64,4 +68,4 @@ def command(
     for path, values in zip(paths, pictures, strict=True):
         rs.write_picture(path, rs.from_linear(values.clip(0.0, 1.0), written), bits=int(bits), force=target.force)
     facts = {"outputs": [str(path) for path in paths], "size_px": [camera.width, camera.height]}
-    target.show(facts, f"{', '.join(map(str, paths))}: {camera.width} x {camera.height} px")
+    target.show("simulate", facts, f"{', '.join(map(str, paths))}: {camera.width} x {camera.height} px")

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from rsdeblur._util.atomic import check_target
-from rsdeblur.choices import CRF, KEEP
+from rsdeblur.choices import CRF, KEEP, SHARP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_clip
@@ -54,7 +54,12 @@ Examples:
     help="Deblur only frames in which a point draws a longer path than this; 0 deblurs all.",
 )
 @_options.jobs_option("frames at a time", "the number of cores, fewer with little memory")
-@_options.target_options("OUT", "Video to write: .mp4, .mov, .mkv or .webm.", dry_run=True)
+@_options.target_options(
+    "OUT",
+    "Video to write: .mp4, .mov, .mkv or .webm; by default VIDEO-sharp beside it.",
+    default=lambda source, **_: source.with_name(f"{source.stem}{SHARP}{source.suffix}"),
+    more=("dry_run",),
+)
 def command(
     source: Path,
     recording: Recording,
@@ -93,7 +98,7 @@ def command(
         else:
             result = rs.deblur_video(plan, output, encoding=encoding, jobs=jobs, force=target.force, progress=move)
             facts |= asdict(result) | {"seconds": time.perf_counter() - begin}
-    target.show(facts | {"dry_run": target.dry_run}, *_lines(source, output, facts))
+    target.show("video", facts | {"dry_run": target.dry_run}, *_lines(source, output, facts))
 
 
 def _facts(plan: rs.ClipPlan, encoding: rs.Encoding, output: Path) -> dict[str, Any]:

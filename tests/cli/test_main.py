@@ -54,7 +54,7 @@ def test_every_help_has_examples(name: str) -> None:
 
 def test_options_are_made_of_the_table() -> None:
     """Each field with a help text is an option of the command that deblurs a photo, with its text and section."""
-    text = " ".join(CliRunner().invoke(main, ["deblur", "--help"], terminal_width=10_000).stdout.split())
+    text = " ".join(CliRunner().invoke(main, ["deblur", "--help-all"], terminal_width=10_000).stdout.split())
     for each in (*fields(Options), *fields(Recording)):
         if each.metadata.get("help") and each.name != "numbered_from":
             assert f"--{each.name.replace('_', '-')} " in text
