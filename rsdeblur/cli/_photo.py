@@ -39,18 +39,8 @@ BORDER = 24
 class Prepared:
     """A photo that is ready to be planned.
 
-    Parameters
-    ----------
-    inputs : Inputs
-        Files of the photo. Without a photo, the picture is None.
-    options : Options
-        Options with what the files decide: transfer, translation, and whether to refine.
-    gravity : Gravity
-        What gravity says of the camera's axes.
-    photo : Path or None
-        The photo, for messages.
-    recording : Recording
-        The options that name the files.
+    `options` contain what the files decide: transfer, translation, and whether to refine. Without a photo, the picture
+    of `inputs` is None.
     """
 
     inputs: Inputs
@@ -89,20 +79,10 @@ def prepare(
     refine_anyway: bool = True,
     inputs: Inputs | None = None,
 ) -> Prepared:
-    """Read the inputs of a photo, and decide by them how it is deblurred.
+    """Read the inputs of a photo unless they are given, and decide by them how it is deblurred.
 
-    Parameters
-    ----------
-    photo : Path or None
-        The photo. Without one, only kernels can be computed.
-    recording : Recording
-        Names the log, the camera and the exposure.
-    options : Options
-        The options; with `max_memory`, the photo is mapped instead of read.
-    refine_anyway : bool
-        Refine where `options` do although gravity contradicts the axes.
-    inputs : Inputs, optional
-        The inputs, if they have been read.
+    Without a photo, only kernels can be computed. With `max_memory`, it is mapped instead of read. `refine_anyway`
+    refines where the options do although gravity contradicts the axes.
     """
     gravity = Gravity()
     if photo is None:

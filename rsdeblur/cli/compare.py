@@ -47,10 +47,7 @@ SHEET, MAP, REPORT = "side-by-side.png", "psfs.png", "compare.json"
 EXAMPLES = """\b
 Examples:
   rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o out
-  rsdeblur compare blurred.png --gyro gyro.csv --camera camera.toml --start 0.1 --duration 1/20 \\
-      --truth rolling.png -o out
-  rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o out \\
-      --report report.html
+  rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --start 0.1 --duration 1/20 --report report.html
 """
 
 

@@ -84,10 +84,7 @@ LOGS = {
 
 EXAMPLES = """\b
 Examples:
-  rsdeblur demo -o demo
   rsdeblur demo --size 1600x1200 --seed 7 -o demo
-  rsdeblur demo --recording --size 320x240 -o session
-  rsdeblur demo --video --size 320x240 -o film
   rsdeblur demo --stock-camera --size 640x480 -o holiday
 """
 

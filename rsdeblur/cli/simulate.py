@@ -16,9 +16,7 @@ from rsdeblur.cli._types import NOT_NEGATIVE, PATH
 
 EXAMPLES = """\b
 Examples:
-  rsdeblur simulate sharp.png --gyro gyro.csv --camera phone.toml --start 1.0 --duration 1/20 -o sim
-  rsdeblur simulate sharp.png --gyro gyro.csv --camera phone.toml --start 1.0 --duration 50ms \\
-      --noise 0.01 --bits 16 -o sim
+  rsdeblur simulate sharp.png --gyro gyro.csv --camera phone.toml --start 1.0 --duration 1/20 --noise 0.01
 """
 
 

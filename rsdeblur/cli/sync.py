@@ -27,8 +27,7 @@ from rsdeblur.cli._types import PATH, SECONDS
 EXAMPLES = """\b
 Examples:
   rsdeblur sync photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4
-  rsdeblur sync photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 --from -100ms --to 100ms \\
-      --write
+  rsdeblur sync photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 --write
   rsdeblur sync frame2.jpg frame5.jpg frame9.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv
 """
 

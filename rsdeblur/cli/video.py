@@ -28,13 +28,13 @@ EXAMPLES = """\b
 Examples:
   rsdeblur video movie.mp4 --gyro gyro_accel.csv --camera phone.toml --capture movie_metadata.csv -o sharp.mp4
   rsdeblur video clip.mov --gyro clip.gcsv --camera cam.toml --duration 1/50 --quality balanced -o sharp.mov
-  rsdeblur video hero.mp4 --gyro hero.mp4 --camera gopro.toml --duration 1/60 --start 12ms --dry-run -o sharp.mp4
+  rsdeblur video hero.mp4 --camera gopro.toml --duration 1/60 --start 12ms --dry-run
 """
 
 
 @click.command("video", cls=Command, epilog=EXAMPLES, context_settings={"default_map": {"quality": QUALITY}})
 @click.argument("source", type=PATH, metavar="VIDEO")
-@_options.recording_options(*CLIP)
+@_options.recording_options(*CLIP, required=("camera",))
 @_options.solve_options(*(name for name in SOLVE if name not in FOR_PICTURES))
 @option("--codec", section=OUTPUT, metavar="NAME", help="Encoder of FFmpeg, like libx265.  [default: as VIDEO]")
 @option(
@@ -75,10 +75,10 @@ def command(
     Frames whose blur is at most --above stay as they are; up to twice that, frames are mixed with their deblurred
     version. Sound, motion data, timing, rotation and colour tags are kept. The times of the exposures come from
     --capture, or from the timestamps in the video, counted from --start. Frames that the log does not cover are kept as
-    they are.
+    they are. Without --gyro, the log is that in VIDEO itself.
     """
     begin = time.perf_counter()
-    output = target.output
+    recording, output = replace(recording, gyro=recording.gyro or source), target.output
     check_target(output, force=target.force)
     rs.container_of(output)
     rs.keep()

@@ -26,7 +26,7 @@ Run = Callable[..., Result]
 
 def test_new_names_what_it_assumes(run: Run, tmp_path: Path) -> None:
     result = run("camera", "new", "--size", "4000x3000", "--focal-length", "4.7", "-o", tmp_path / "new.toml")
-    for text in ("give --readout-time", "give --imu", "is it in mm?"):
+    for text in ("give --readout-time", "readout-times", "give --imu", "camera-file", "is it in mm?"):
         assert text in result.stdout
 
 

@@ -139,10 +139,14 @@ def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:
 
 
 def test_simulate_writes_three_pictures(run: Run, files: Files, tmp_path: Path) -> None:
-    result = run("simulate", files.photo, *files.recording, "--noise", 0.01, "--bits", 16, "-o", tmp_path / "sim")
+    result = run("simulate", files.photo, *files.recording, "--noise", 0.01, "--bits", 16)
     assert result.exit_code == 0, result.stderr
-    assert {path.name for path in (tmp_path / "sim").iterdir()} == {"blurred.png", "rectified.png", "rolling.png"}
-    with Image.open(files.photo) as sharp, Image.open(tmp_path / "sim" / "rectified.png") as rectified:
+    assert {path.name for path in (tmp_path / "photo-simulated").iterdir()} == {
+        "blurred.png",
+        "rectified.png",
+        "rolling.png",
+    }
+    with Image.open(files.photo) as sharp, Image.open(tmp_path / "photo-simulated" / "rectified.png") as rectified:
         difference = np.asarray(rectified, dtype=float) - np.asarray(sharp, dtype=float)
     # The rectified reference is the scene itself; 16 bits read as 8 may round the other way.
     assert np.abs(difference).max() <= 1.0
