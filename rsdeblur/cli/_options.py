@@ -88,14 +88,15 @@ class Command(click.Command):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
+        shared: dict[str, Any] = {"section": OUTPUT, "is_flag": True, "expose_value": False}
         quiet, verbose = "Print errors only, and JSON.", "Print the inputs and the stages of the work too."
         for flags, text in ((("-q", "--quiet"), quiet), (("-v", "--verbose"), verbose)):
-            level = {"is_flag": True, "expose_value": False, "callback": _set_level, "help": text}
-            self.params.append(Option(flags, section=OUTPUT, **level))
+            self.params.append(Option(flags, callback=_set_level, help=text, **shared))
         if self._has_many:
-            show = {"is_flag": True, "is_eager": True, "expose_value": False, "callback": _show_all}
             text = f"Show all {sum(isinstance(each, Option) for each in self.params)} options."
-            self.params.append(Option(("--help-all",), section=OUTPUT, basic=True, help=text, **show))
+            self.params.append(
+                Option(("--help-all",), basic=True, is_eager=True, callback=_show_all, help=text, **shared)
+            )
 
     @property
     def _has_many(self) -> bool:

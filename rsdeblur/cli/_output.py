@@ -127,7 +127,8 @@ def be_verbose(context: click.Context) -> None:
     handler, before = _Lines(), LOG.level
     LOG.addHandler(handler)
     LOG.setLevel(logging.INFO)
-    context.call_on_close(lambda: (LOG.removeHandler(handler), LOG.setLevel(before)))
+    context.call_on_close(lambda: LOG.removeHandler(handler))
+    context.call_on_close(lambda: LOG.setLevel(before))
 
 
 def linked(message: str) -> str:

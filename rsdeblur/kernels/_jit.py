@@ -64,7 +64,7 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return compiled
 
 
-class _Compilation(TimingListener):  # type: ignore[misc]  # Numba has no types
+class _Compilation(TimingListener):
     def __init__(self, begin: Callable[[], None]) -> None:
         super().__init__()
         self._begin = begin
