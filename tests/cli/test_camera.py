@@ -32,18 +32,11 @@ def test_new_names_what_it_assumes(run: Run, tmp_path: Path) -> None:
 
 def test_new(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "new.toml"
-    options = (
-        "--readout-time",
-        "18ms",
-        "--readout-direction",
-        "left-right",
-        "--imu",
-        "YxZ",
-        "--timestamp-marks",
-        "middle",
-    )
+    options = ("--readout-time", "18ms", "--readout-direction", "left-right", "--timestamp-marks", "middle")
     lens = ("--distortion-model", "radtan", "--distortion", "-0.1,0.01,0.001,0.002", "--principal-point", "200,149")
-    result = run("camera", "new", "--size", "400x300", "--focal-length", "410,411", *options, *lens, "-o", out)
+    result = run(
+        "camera", "new", "--size", "400x300", "--focal-length", "410,411", "--imu", "YxZ", *options, *lens, "-o", out
+    )
     assert result.exit_code == 0, result.stderr
     camera = read_camera(out)
     assert (camera.focal_length, camera.principal_point, camera.readout_time) == ((410.0, 411.0), (200.0, 149.0), 0.018)
