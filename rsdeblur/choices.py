@@ -45,8 +45,8 @@ CRF = 17
 # Appended to the name of a result beside its photo, or of the folder of a batch's results.
 SHARP = "-sharp"
 
-# File beside the results of a batch that lists them.
-BATCH = "batch.json"
+# File beside the results of a batch that lists them; default name of a camera file.
+BATCH, CAMERA = "batch.json", "camera.toml"
 
 Solver = Literal["auto", "direct", "cg"]
 SOLVERS: tuple[Solver, ...] = get_args(Solver)

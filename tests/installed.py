@@ -18,7 +18,6 @@ MODULES = {
     "raw": "rawpy",
     "gyroflow": "cbor2",
     "video": "av",
-    "dask": "distributed",
     "cnn": "onnxruntime",
     "browser-test": "playwright.sync_api",
     "bench": "cv2",

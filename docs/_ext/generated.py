@@ -21,6 +21,7 @@ from sphinx.util.nodes import make_refnode
 
 import rsdeblur
 from rsdeblur.cli import main
+from rsdeblur.cli._schema import SCHEMA, described, records
 
 # Modules for users, beside the names of `rsdeblur` itself, in the order of the package's ladder.
 MODULES = (
@@ -28,6 +29,13 @@ MODULES = (
     "simulation", "pipeline", "io", "report", "plot",
     "video.clip", "video.plan", "video.encode",
 )  # fmt: skip
+
+
+JSON = """Each command with ``--json`` prints one value, which has ``schema``: {schema}. That number rises when a key of
+this list is removed or changes its meaning. Keys under ``details`` may change. A key with ``?`` may be missing. ``[]``
+is an item of a list, ``*`` a name of a map. The files ``batch.json``, ``compare.json`` and ``triage.json`` are as their
+commands print.
+"""
 
 
 def heading(text: str, line: str) -> str:
@@ -52,7 +60,7 @@ def literal(text: str) -> str:
 
 
 def command_section(context: click.Context, title: str | None = None, line: str = "-") -> str:
-    """Return what a command's `--help` prints, as a section; the commands of a group link to pages beside this one."""
+    """Return what a command's `--help-all` prints, as a section; commands of a group link to pages beside this one."""
     command = context.command
     said = inspect.cleandoc(command.help or "").replace("\b\n", "")
     parts = [heading(title or context.command_path, line), literal(command.get_usage(context).removeprefix("Usage: "))]
@@ -72,12 +80,25 @@ def command_section(context: click.Context, title: str | None = None, line: str 
     return "\n".join([*parts, literal(examples)] if examples else parts)
 
 
+def json_page() -> str:
+    """Return the page that lists the stable keys of what commands print as JSON."""
+    table = records()
+    inner = {kind for keys in table.values() for key in keys.values() if isinstance(key, dict) for kind in key.values()}
+    parts = [heading("JSON schema", "="), JSON.format(schema=SCHEMA)]
+    for kind in table:
+        if kind not in inner:
+            parts.append(heading(kind, "-"))
+            parts += [f"``{name}``\n   {text}\n" for name, text in described(kind)]
+    return "\n".join(parts)
+
+
 def command_pages() -> dict[str, str]:
     """Return a page for each command, with its subcommands, and the page that lists them."""
     context = click.Context(main, info_name="rsdeblur", **main.context_settings)
     names = main.list_commands(context)
-    toctree = ".. toctree::\n   :hidden:\n\n" + "".join(f"   {name}\n" for name in names)
-    pages = {"commands/index": "\n".join([command_section(context, "Commands", "="), toctree])}
+    toctree = ".. toctree::\n   :hidden:\n\n" + "".join(f"   {name}\n" for name in (*names, "json"))
+    index = "\n".join([command_section(context, "Commands", "="), toctree])
+    pages = {"commands/json": json_page(), "commands/index": index}
     for name in names:
         command = main.get_command(context, name)
         assert command is not None

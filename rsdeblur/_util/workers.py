@@ -1,4 +1,4 @@
-"""Many tasks in worker processes, or on a Dask cluster, through `concurrent.futures`.
+"""Many tasks in worker processes, through `concurrent.futures`.
 
 A task that fails does not stop the others, nor does one whose process dies.
 """
@@ -9,23 +9,19 @@ import os
 import signal
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
 from multiprocessing import active_children, get_context, parent_process
 from threading import Thread
 from typing import Any, TypeVar
 
 from rsdeblur._util import memory
-from rsdeblur._util.extras import missing
-from rsdeblur.errors import InputError, RsdeblurError
+from rsdeblur.errors import RsdeblurError
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 
-# s until a scheduler must answer.
-CONNECT = 5.0
 DIED = "its process died, twice (out of memory, perhaps)"
 
 
@@ -41,7 +37,6 @@ def run(
     tasks: Iterable[Task],  # read as workers become free
     *,
     jobs: int = 1,
-    scheduler: str | None = None,  # address of a Dask scheduler; its workers, instead of processes, see the same files
     lost: Callable[[Task], None] | None = None,  # removes what a task left whose process has died
 ) -> Generator[tuple[Task, Answer | Failure], None, None]:
     """Do `work` on every task and yield each with its answer, in the order in which they finish.
@@ -49,18 +44,17 @@ def run(
     To stop early, close the iterator (`contextlib.closing`): it ends the workers at once.
     """
     waiting, lost = iter(tasks), lost or (lambda task: None)
-    executor = partial(_processes, jobs) if scheduler is None else partial(_cluster, scheduler)
-    died = yield from _answers(executor, work, waiting, lost)
+    died = yield from _answers(jobs, work, waiting, lost)
     while died:
         # Nobody knows whose process died first: each is tried once more, alone.
         for task in died:
-            for again in (yield from _answers(executor, work, iter([task]), lost)):
+            for again in (yield from _answers(jobs, work, iter([task]), lost)):
                 yield again, Failure(DIED)
-        died = yield from _answers(executor, work, waiting, lost)
+        died = yield from _answers(jobs, work, waiting, lost)
 
 
 def _answers(
-    executor: Callable[[], AbstractContextManager[tuple[Executor, int]]],
+    jobs: int,
     work: Callable[[Task], Answer],
     waiting: Iterator[Task],
     lost: Callable[[Task], None],
@@ -68,9 +62,9 @@ def _answers(
     """Yield answers until there are no more tasks, or a process dies; then return the tasks without an answer."""
     running, died = dict[Future[Any], Task](), list[Task]()
     try:
-        with executor() as (pool, most):
+        with _processes(jobs) as pool:
             while True:
-                for task in islice(waiting, 0 if died else most - len(running)):
+                for task in islice(waiting, 0 if died else jobs - len(running)):
                     try:
                         with _blocked_signals():
                             running[pool.submit(attempt, work, task)] = task
@@ -93,11 +87,11 @@ def _answers(
 
 
 @contextmanager
-def _processes(jobs: int) -> Iterator[tuple[Executor, int]]:
+def _processes(jobs: int) -> Iterator[Executor]:
     # Forking a process whose libraries have threads is not safe.
     pool = ProcessPoolExecutor(jobs, get_context("spawn"), _begin)
     try:
-        yield pool, jobs
+        yield pool
     except BaseException:
         for worker in active_children():
             worker.terminate()
@@ -130,25 +124,6 @@ def _blocked_signals() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise InputError(missing("a Dask scheduler needs distributed", "dask")) from error
-    try:
-        client = Client(address, timeout=CONNECT)
-    except (OSError, ValueError, TypeError, RuntimeError) as error:  # TypeError: TLS without certificates
-        raise InputError(f"no Dask scheduler answers at {address}: {_one_line(error)}") from error
-    with client:
-        pool = client.get_executor(pure=False)
-        try:
-            # Without workers the batch waits until one joins.
-            yield pool, max(1, sum(client.ncores().values()))
-        finally:
-            pool.shutdown(wait=False)
 
 
 def attempt(work: Callable[[Task], Answer], task: Task) -> Answer | Failure:

@@ -21,6 +21,7 @@ from typing import Any
 from urllib.parse import parse_qs
 
 from rsdeblur.errors import RsdeblurError
+from rsdeblur.pipeline.options import Options
 from rsdeblur.report.page import document, part
 
 LOOPBACK = "127.0.0.1"
@@ -43,17 +44,26 @@ Upload = Callable[[str, bytes], Mapping[str, Any]]
 def app_page() -> str:
     """Return the page, which shares its style and its viewer with the report."""
     own = files("rsdeblur.app")
+    default_prior = Options().prior_in_effect
     html, css, script = (own.joinpath(f"app.{kind}").read_text("utf-8") for kind in ("html", "css", "js"))
     return document(
         kind="rsdeblur app",
         title="Open a photo",
         facts='<span id="size">Photo, gyro log and camera file stay on this machine.</span> '
         '<span id="verdict" role="status"></span>',
-        main=Template(html).substitute(viewer=part("page_viewer.html")),
+        main=Template(html).substitute(
+            viewer=part("page_viewer.html"), modes=_choices("mode", "auto"), priors=_choices("prior", default_prior)
+        ),
         style=css,
         script=part("page_viewer.js") + script,
         allowed="; connect-src 'self'",
     )
+
+
+def _choices(name: str, chosen: object) -> str:
+    """Return the values of an option as the choices of a form."""
+    values = Options.__dataclass_fields__[name].metadata["choices"]
+    return "".join(f"<option{' selected' if value == chosen else ''}>{value}</option>" for value in values)
 
 
 class LocalServer(ThreadingHTTPServer):

@@ -16,19 +16,23 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from itertools import chain
 from types import FrameType
 from typing import Any, NoReturn
 
 import click
 
-from rsdeblur.cli._output import capture_warnings, level, printable, say_aside, tolerate_output
+from rsdeblur.cli._output import capture_warnings, level, linked, printable, say_aside, tolerate_output
 from rsdeblur.errors import RsdeblurError
 
-# The most important ones first.
-COMMANDS = (
-    *("deblur", "burst", "compare", "batch", "video", "triage", "app"),
-    *("sync", "calibrate", "psf", "simulate", "info", "camera", "demo"),
-)
+# The sections of the help, the most important commands first.
+GROUPS = {
+    "Start": ("deblur", "app", "demo"),
+    "Many pictures": ("batch", "video", "burst"),
+    "Set up": ("camera", "calibrate", "sync", "info"),
+    "Study": ("compare", "psf", "simulate", "triage"),
+}
+COMMANDS = tuple(chain.from_iterable(GROUPS.values()))
 # Exit codes of processes that a signal ended, as shells report them, are this and the signal's number.
 SIGNALLED = 128
 # Time until an interrupt that came while a kernel was compiled is delivered again, s.
@@ -57,6 +61,20 @@ class Commands(click.Group):
         command: click.Command = import_module(f"rsdeblur.cli.{cmd_name}").command
         return command
 
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands in groups."""
+        width = max(map(len, COMMANDS))
+        for title, names in GROUPS.items():
+            commands = [(name, self.get_command(ctx, name)) for name in names]
+            with formatter.section(title):
+                formatter.write_dl(
+                    [
+                        (name.ljust(width), command.get_short_help_str(formatter.width - width - 6))
+                        for name, command in commands
+                        if command is not None
+                    ]
+                )
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; exit with 1 for refused input and 128 plus the signal's number when interrupted."""
         tolerate_output()
@@ -70,7 +88,7 @@ class Commands(click.Group):
             except click.UsageError as error:
                 # The message may quote the names of files; click's own may have several lines.
                 lines = error.format_message().expandtabs().split("\n")
-                raise click.UsageError("\n".join(map(printable, lines)), ctx=error.ctx) from error
+                raise click.UsageError(linked("\n".join(map(printable, lines))), ctx=error.ctx) from error
             except MemoryError:
                 _refuse(
                     ctx,
@@ -135,7 +153,7 @@ def _send_again(number: int) -> None:
 
 
 def _refuse(ctx: click.Context, message: str) -> NoReturn:
-    say_aside(f"error: {message}")
+    say_aside(f"error: {linked(message)}")
     ctx.exit(1)
 
 
@@ -148,7 +166,7 @@ def _once() -> Callable[[str], None]:
         kind = re.sub(r"[\d.]+", "", message)
         # The name of a file may have stood before the same text.
         if level() >= 0 and not any(text.endswith(kind) for text in shown):
-            say_aside(f"warning: {message}")
+            say_aside(f"warning: {linked(message)}")
         shown.add(kind)
 
     return show
@@ -156,9 +174,8 @@ def _once() -> Callable[[str], None]:
 
 EXAMPLES = """\b
 Examples:
-  rsdeblur demo -o demo
-  rsdeblur deblur photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o sharp.jpg
-  rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 -o out
+  rsdeblur demo
+  rsdeblur deblur photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20
 """
 
 

@@ -1,7 +1,5 @@
 """Everything that commands use of the package; see `_engine.py`."""
 
-from numba.core.event import TimingListener as TimingListener
-from numba.core.event import install_listener as install_listener
 from numpy.typing import NDArray as NDArray
 from skimage.metrics import peak_signal_noise_ratio as peak_signal_noise_ratio
 from skimage.metrics import structural_similarity as structural_similarity
@@ -85,6 +83,7 @@ from rsdeblur.io.sessions import photos_in as photos_in
 from rsdeblur.io.source import Source as Source
 from rsdeblur.io.source import is_archive as is_archive
 from rsdeblur.io.source import mistaken as mistaken
+from rsdeblur.kernels._jit import compilation as compilation
 from rsdeblur.motion.acceleration import AccelerationLog as AccelerationLog
 from rsdeblur.motion.axes import PRESETS as PRESETS
 from rsdeblur.motion.axes import imu_to_camera as imu_to_camera

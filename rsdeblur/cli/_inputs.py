@@ -22,7 +22,7 @@ from rsdeblur.cli._log import (
     warn_of_axes,
 )
 from rsdeblur.cli._options import ONE_OF_MANY, Recording, flag, refuse_given
-from rsdeblur.cli._output import printable, progress, say_detail
+from rsdeblur.cli._output import LOG, printable, progress
 from rsdeblur.errors import CoverageError, FileFormatError, InputError
 
 # Frames by which telemetry and video may differ.
@@ -63,7 +63,7 @@ def with_offset(inputs: Inputs, photo: Path) -> Inputs:
             picture.pixels, log, camera, exposure, search=rs.EXIF_ERROR, transfer=picture.transfer, progress=move
         )
     offset = checked_offset(found, [photo])
-    say_detail(f"{photo}: time offset {1e3 * offset:.1f} ms (+- {1e3 * found.sd:.1f})")
+    LOG.info(f"{photo}: time offset {1e3 * offset:.1f} ms (+- {1e3 * found.sd:.1f})")
     return inputs._replace(camera=replace(camera, time_offset=offset))
 
 
@@ -121,7 +121,7 @@ def read_recording(recording: Recording, photo: Path | None = None) -> tuple[rs.
             exposure = replace(exposure, epoch_ns=rs.on_clock_of(rs.capture_time(exif), log))
     sd = f" ± {1e3 * camera.readout_sd:.2g}" if camera.readout_sd else ""
     readout = f"readout {1e3 * camera.readout_time:.3g}{sd} ms {camera.readout_direction}"
-    say_detail(
+    LOG.info(
         f"exposure: {exposure.epoch_ns} ns + {exposure.start:.6f} s, {1e3 * exposure.duration:.3g} ms; camera: "
         f"{camera.width}x{camera.height}, {camera.focal_length[0]:.1f} px, {readout}, time offset "
         f"{1e3 * camera.time_offset:.1f} ms"
@@ -141,7 +141,7 @@ def read_device(recording: Recording) -> tuple[rs.GyroLog, rs.Camera]:
     file = read_log(recording)
     warn_of_axes(file, camera, recording)
     first, last = file.log.span
-    say_detail(f"log: {file.format}, {len(file.log)} samples at {file.log.rate:.1f} Hz, {first:.3f} to {last:.3f} s")
+    LOG.info(f"log: {file.format}, {len(file.log)} samples at {file.log.rate:.1f} Hz, {first:.3f} to {last:.3f} s")
     return file.log, camera
 
 

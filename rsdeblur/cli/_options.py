@@ -17,7 +17,7 @@ import click
 from rsdeblur.choices import Mode
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _types
-from rsdeblur.cli._output import LEVEL, check_output, print_json, refuse_inputs, say, warn
+from rsdeblur.cli._output import LEVEL, be_verbose, check_output, print_json, refuse_inputs, say, warn
 from rsdeblur.errors import InputError
 from rsdeblur.pipeline.options import BLUR, COMPUTING, SOLVER, Options
 
@@ -27,6 +27,8 @@ Decorator = Callable[[Function], Function]
 RECORDING, OUTPUT = "Recording", "Output"
 # Sections of the help in their order; options of a command's own come first.
 SECTIONS = ("Options", RECORDING, BLUR, SOLVER, COMPUTING, OUTPUT)
+# Options of a command from which on its help lists only the basic ones; key of the context's `meta` that lists all.
+MOST, ALL = 15, "rsdeblur.all"
 # Default number of threads in a process: with many, most would wait while the process reads or writes a file. Memory of
 # the machine for each process with fewer threads, bytes.
 THREADS, PROCESS_MEMORY = 2, 2**31
@@ -36,11 +38,17 @@ FOR_PHOTOS = "is for photos; the frames of a video are counted from its first on
 
 
 class Option(click.Option):
-    """An option with its section of the help."""
+    """An option with its section of the help. The short help lists those that are `basic`, such as a command's own."""
 
-    def __init__(self, *args: Any, section: str = "Options", **kwargs: Any) -> None:
+    def __init__(self, *args: Any, section: str = "Options", basic: bool | None = None, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self.section = section
+        self.section, self.basic = section, section == "Options" if basic is None else basic
+
+    @property
+    def short_record(self) -> tuple[str, str]:
+        """The option and the first sentence about it, for the short help."""
+        (names, _), text = self.get_help_record(click.get_current_context()) or ("", ""), self.help or ""
+        return names, text.partition(". ")[0].rstrip(".") + "."
 
 
 def option(*flags: str, section: str = "Options", **facts: Any) -> Decorator:
@@ -64,20 +72,43 @@ def _set_level(ctx: click.Context, param: click.Parameter, value: bool) -> None:
         level = 1 if param.name == "verbose" else -1
         if ctx.meta.setdefault(LEVEL, level) != level:
             raise click.UsageError("--quiet and --verbose exclude each other", ctx)
+        if level > 0:
+            be_verbose(ctx)
+
+
+def _show_all(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    if value:
+        ctx.meta[ALL] = True
+        say(*ctx.get_help().splitlines())
+        ctx.exit()
 
 
 class Command(click.Command):
-    """A command with --quiet and --verbose, whose help lists options in sections."""
+    """A command with --quiet and --verbose. The help of one with many options lists the basic ones only."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
+        shared: dict[str, Any] = {"section": OUTPUT, "is_flag": True, "expose_value": False}
         quiet, verbose = "Print errors only, and JSON.", "Print the inputs and the stages of the work too."
         for flags, text in ((("-q", "--quiet"), quiet), (("-v", "--verbose"), verbose)):
-            level = {"is_flag": True, "expose_value": False, "callback": _set_level, "help": text}
-            self.params.append(Option(flags, section=OUTPUT, **level))
+            self.params.append(Option(flags, callback=_set_level, help=text, **shared))
+        if self._has_many:
+            text = f"Show all {sum(isinstance(each, Option) for each in self.params)} options."
+            self.params.append(
+                Option(("--help-all",), basic=True, is_eager=True, callback=_show_all, help=text, **shared)
+            )
+
+    @property
+    def _has_many(self) -> bool:
+        return len(self.params) > MOST
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options in sections."""
+        """Write the basic options, or all in sections."""
+        if self._has_many and ALL not in ctx.meta:
+            with formatter.section("Options"):
+                basic = (each for each in self.params if isinstance(each, Option) and each.basic)
+                formatter.write_dl([each.short_record for each in basic], col_max=22)
+            return
         sections: dict[str, list[tuple[str, str]]] = {title: [] for title in SECTIONS}
         for each in self.get_params(ctx):
             if (record := each.get_help_record(ctx)) is not None:
@@ -100,7 +131,7 @@ class Recording:
     Commands that do not require `gyro` and `camera` check them.
     """
 
-    gyro: Path = _given(_types.PATH, "Gyro log; that of a video may be the video itself.", metavar="LOG")
+    gyro: Path = _given(_types.PATH, "Gyro log; that of a video may be the video itself.", metavar="LOG", basic=True)
     gyro_format: str | None = _given(None, "Format of the log.  [default: recognised by its content]", metavar="NAME")
     unit: str | None = _given(
         click.Choice(["rad/s", "deg/s", "mrad/s", "mdeg/s"]), "Unit of the log's rates; replaces the file's."
@@ -114,25 +145,30 @@ class Recording:
         "Rates of the log at rest, which are subtracted: 0.01,-0.02,0.005 in rad/s, or -1.8,0,0.1deg/s.",
     )
     camera: Path = _given(
-        _types.PATH, "Camera file of rsdeblur, Gyroflow or Kalibr, or a photo with EXIF.", metavar="FILE"
+        _types.PATH,
+        "Camera file, or a photo with EXIF. Files of Gyroflow and Kalibr are read too.",
+        metavar="FILE",
+        basic=True,
     )
-    capture: Path | None = _given(_types.PATH, "Metadata file that contains the exposures.", metavar="FILE")
-    index: int | None = _given(_types.INDEX, "Number of the exposure in --capture, counted from 0.")
+    capture: Path | None = _given(_types.PATH, "Metadata file that contains the exposures.", metavar="FILE", basic=True)
+    index: int | None = _given(_types.INDEX, "Number of the exposure in --capture, counted from 0.", basic=True)
     numbered_from: int | None = _given(
         click.IntRange(0, 1), "Number of the first frame in the photos' names.  [default: derived from the names]"
     )
-    start_ns: int | None = _given(
-        _types.NANOSECONDS,
-        "Timestamp in ns, camera clock: the start of the first row (of the first frame), unless the camera file sets "
-        "timestamp_marks.",
-    )
     start: float | Literal["exif"] | None = _given(
         _types.START,
-        "The same in seconds on the log's own clock; or exif: the time in the photo's EXIF block, which the picture "
-        "then makes exact.",
+        "Start of the first row on the log's clock, or exif. In s, in videos that of the first frame; exif is the time "
+        "in the photo's EXIF block, which the picture then makes exact.",
+        basic=True,
+    )
+    start_ns: int | None = _given(
+        _types.NANOSECONDS,
+        "The same as a timestamp in ns, camera clock, unless the camera file sets timestamp_marks.",
     )
     duration: float | None = _given(
-        _types.DURATION, "Exposure time of a row: 0.05, 1/20 or 50ms.  [default: from the metadata or EXIF]"
+        _types.DURATION,
+        "Exposure time of a row: 0.05, 1/20 or 50ms.  [default: from the metadata or EXIF]",
+        basic=True,
     )
     time_offset: float | None = _given(_types.SECONDS, "Camera time minus gyro time; replaces the camera file's.")
     readout_time: float | None = _given(_types.READOUT, "Readout time of the picture; replaces the camera file's.")
@@ -192,6 +228,7 @@ def _option_of(each: Field[Any], *, required: bool) -> Decorator:
         type=_types.KINDS[facts["kind"]] if "kind" in facts else kind,
         metavar=facts.get("metavar"),
         required=required,
+        basic=facts.get("basic", False),
         # With any default, even None, click takes an option for given.
         **({} if each.default is None else {"default": each.default}),
         show_default=facts.get("shown", each.default is not None),
@@ -277,7 +314,6 @@ refine_option = option(
     help="Correct focal length, clock, readout and motion by the picture first; takes some seconds.  [default: yes, "
     "unless --quality is fast or --max-memory is given]",
 )
-json_option = option("--json", "as_json", section=OUTPUT, is_flag=True, help="Print JSON.")
 
 
 def jobs_option(what: str, default: str) -> Decorator:
@@ -291,16 +327,11 @@ def jobs_option(what: str, default: str) -> Decorator:
     )
 
 
-def shared_threads(
-    jobs: int | None, threads: int | None, *, alone: bool = True, tasks: int | None = None
-) -> tuple[int, int]:
+def shared_threads(jobs: int | None, threads: int | None, *, tasks: int | None = None) -> tuple[int, int]:
     """Return the number of processes and of threads in each: as given, else so that they use all cores.
 
-    Workers of a cluster are not `alone` on their machine; they use one thread each unless `threads` is given. For a
-    known number of small `tasks` there are as many processes as there are cores, tasks and memory for.
+    For a known number of small `tasks` there are as many processes as there are cores, tasks and memory for.
     """
-    if not alone:
-        return jobs or 1, threads or 1
     cores = rs.thread_count(None)
     if tasks is not None:
         jobs = jobs or max(1, min(cores // (threads or 1), tasks, _memory() // PROCESS_MEMORY))
@@ -325,79 +356,80 @@ def with_refinement(options: Options, asked: bool | None) -> Options:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """File or folder of the result, None where a command needs none, and what the command prints.
+    """File or folder of the result, None where nothing is written, and what the command prints.
 
     `report` is the page to write, if one is asked for.
     """
 
     output: Path
-    force: bool
-    as_json: bool
+    force: bool = False
+    as_json: bool = False
     dry_run: bool = False
     report: Path | None = None
 
-    def show(self, facts: Any, *lines: object) -> None:
-        """Print facts as JSON if that was asked for, otherwise lines."""
+    def show(self, kind: str, facts: Any, *lines: object) -> None:
+        """Print facts as JSON of a kind if that was asked for, otherwise lines."""
         if self.as_json:
-            print_json(facts)
+            print_json(kind, facts)
         else:
             say(*lines)
 
 
+TARGET = {
+    "force": option("--force", section=OUTPUT, basic=True, is_flag=True, help="Replace files that exist."),
+    "as_json": option("--json", "as_json", section=OUTPUT, is_flag=True, help="Print JSON."),
+    "dry_run": option("--dry-run", section=OUTPUT, is_flag=True, help="Read and check all inputs, and write nothing."),
+    "report": option(
+        "--report",
+        section=OUTPUT,
+        basic=True,
+        type=_types.PATH,
+        metavar="HTML",
+        help="Also write a page that shows the results in a browser.",
+    ),
+}
+
+
 def target_options(
-    metavar: str,
-    text: str,
+    metavar: str | None = None,
+    text: str = "",
     *,
     default: Callable[..., Path] | None = None,
-    required: bool = True,
-    dry_run: bool = False,
-    report: bool = False,
+    more: Sequence[str] = (),
 ) -> Decorator:
-    """Return a decorator that adds --output, --force, --json and, if requested, --dry-run and --report as one `target`.
+    """Return a decorator that adds --json, and for commands that write --output, --force and `more`, as one `target`.
 
     An output that is an input of the command is refused. `default` returns the output where none is given, from the
     other arguments of the command.
     """
-    required = required and default is None
-    shared = [
-        option(*("-o", "--output"), section=OUTPUT, type=_types.PATH, required=required, metavar=metavar, help=text),
-        option("--force", section=OUTPUT, is_flag=True, help="Replace files that exist."),
-        json_option,
-    ]
-    if dry_run:
-        shared.append(
-            option("--dry-run", section=OUTPUT, is_flag=True, help="Read and check all inputs, and write nothing.")
-        )
-
-    if report:
-        page = "Also write a page that shows the results in a browser."
-        shared.append(option("--report", section=OUTPUT, type=_types.PATH, metavar="HTML", help=page))
+    names = ["as_json", *more]
+    options = [TARGET[name] for name in names]
+    if metavar is not None:
+        names = ["output", "force", *names]
+        output = option("-o", "--output", section=OUTPUT, basic=True, type=_types.PATH, metavar=metavar, help=text)
+        options = [output, TARGET["force"], *options]
 
     def decorate(function: Function) -> Function:
         @wraps(function)
-        def call(
-            output: Path,
-            force: bool,
-            as_json: bool,
-            dry_run: bool = False,
-            report: Path | None = None,
-            **arguments: Any,
-        ) -> Any:
-            if default is not None and output is None:
-                output = default(**arguments)
-            if output is not None:
-                refuse_inputs(output)
-            if report is not None:
-                check_output(report, force=force, suffixes=(".html", ".htm"), kind="the report is an HTML page")
-            return function(target=Target(output, force, as_json, dry_run, report), **arguments)
+        def call(**arguments: Any) -> Any:
+            values = {"output": None} | {name: arguments.pop(name) for name in names}
+            if values["output"] is None and default is not None:
+                values["output"] = default(**arguments)
+            target = Target(**values)
+            if values["output"] is not None:
+                refuse_inputs(target.output)
+            if target.report is not None:
+                html = ".html", ".htm"
+                check_output(target.report, force=target.force, suffixes=html, kind="the report is an HTML page")
+            return function(target=target, **arguments)
 
-        return together(*shared)(call)
+        return together(*options)(call)
 
     return decorate
 
 
 def beside(source: Path, ending: str) -> Path:
-    """Return the folder beside a file or folder that has its name, without extension, and an ending."""
+    """Return the path beside a file or folder that has its name, without extension, and an ending."""
     if not source.name.strip("."):
         # The names of . and .. are those of the folders that they mean.
         source = source.resolve()

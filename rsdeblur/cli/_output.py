@@ -8,12 +8,15 @@ from __future__ import annotations
 import csv
 import io
 import json
+import logging
+import re
 import sys
 import time
 import unicodedata
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
+from importlib.metadata import metadata
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +24,20 @@ import click
 
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur.cli import _engine as rs
+from rsdeblur.cli._schema import SCHEMA, arranged
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 
 # Key of the context's `meta` under which the level of detail is: -1 quiet, 1 verbose.
 LEVEL = "rsdeblur.level"
+# The inputs and the stages of the work, which a verbose command prints.
+LOG = logging.getLogger("rsdeblur")
+COMPILING = "compiling once after the installation, which may take a minute; later runs begin at once"
+# Pages of the documentation that help with messages, by what these contain.
+PAGES = {
+    r"give --readout-time|readout time is unknown": "readout-times",
+    r"\baxes\b|imu_to_camera|--imu\b": "camera-file#imu_to_camera",
+    r"--gyro('|( and --camera)? missing|$)|unknown gyro log format|no gyro (data|samples)": "formats#gyro-logs",
+}
 FileState = tuple[int, ...] | None
 # Errors that end one of several jobs alone.
 FAILURES = RsdeblurError, click.UsageError, OSError
@@ -101,10 +114,39 @@ def warn(message: str) -> None:
     warnings.warn(message, RsdeblurWarning, stacklevel=2)
 
 
-def say_detail(line: object) -> None:
-    """Print one line on stderr if the command is verbose."""
-    if level() > 0:
-        say_aside(line)
+class _Lines(logging.Handler):
+    """Prints what is logged on stderr."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one line."""
+        say_aside(record.getMessage())
+
+
+def be_verbose(context: click.Context) -> None:
+    """Print what is logged, until the command ends."""
+    handler, before = _Lines(), LOG.level
+    LOG.addHandler(handler)
+    LOG.setLevel(logging.INFO)
+    context.call_on_close(lambda: LOG.removeHandler(handler))
+    context.call_on_close(lambda: LOG.setLevel(before))
+
+
+def linked(message: str) -> str:
+    """Return a message with the address of the page that helps, once for each page and command."""
+    context = click.get_current_context(silent=True)
+    pages = [page for pattern, page in PAGES.items() if re.search(pattern, message)][:1]
+    shown: set[str] = set() if context is None else context.meta.setdefault("rsdeblur.pages", set())
+    if not pages or pages[0] in shown:
+        return message
+    shown.add(pages[0])
+    return f"{message}; see {_address(*pages[0].partition('#'))}"
+
+
+def _address(page: str, mark: str, anchor: str) -> str:
+    """Return the address of a page of the site that the package's metadata name, otherwise its file in the sources."""
+    urls = (each.split(", ", 1) for each in metadata("rsdeblur").get_all("Project-URL", ()))
+    site = dict(urls).get("Documentation")
+    return f"{site.rstrip('/')}/{page}.html{mark}{anchor}" if site else f"docs/{page}.md"
 
 
 def tolerate_output() -> None:
@@ -176,9 +218,13 @@ def check_camera_file(path: Path, *, force: bool) -> None:
     check_output(path, force=force, suffixes=(".toml",), kind="a camera file is TOML")
 
 
-def print_json(payload: Any) -> None:
-    """Print `payload` as JSON."""
-    click.echo(json.dumps(payload, indent=2))
+def print_json(kind: str, facts: Mapping[str, Any]) -> None:
+    """Print facts as JSON of a kind."""
+    click.echo(_json(kind, facts))
+
+
+def _json(kind: str, facts: Mapping[str, Any]) -> str:
+    return json.dumps({"schema": SCHEMA} | arranged(kind, facts), indent=2)
 
 
 def cell(value: Any, digits: int = 6) -> str:
@@ -192,10 +238,10 @@ def cell(value: Any, digits: int = 6) -> str:
     return "" if value is None else f"{value:.{digits}g}" if isinstance(value, float) else str(value)
 
 
-def write_json(path: Path, payload: Any) -> None:
-    """Write `payload` as JSON, atomically."""
+def write_json(path: Path, kind: str, facts: Mapping[str, Any]) -> None:
+    """Write facts as JSON of a kind, atomically."""
     with atomic_write(path) as file:
-        file.write((json.dumps(payload, indent=2) + "\n").encode())
+        file.write(f"{_json(kind, facts)}\n".encode())
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
@@ -234,16 +280,29 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 
 def _stages(title: str) -> rs.Progress:
-    """Return a function of progress that prints when a stage begins."""
+    """Return a function of progress that logs when a stage begins."""
     begin, last = time.perf_counter(), ""
 
     def move(stage: str, _: float) -> None:
         nonlocal last
         if stage != last:
-            say_aside(f"{title}: {stage}, {time.perf_counter() - begin:.2f} s after the start")
+            LOG.info("%s: %s, %.2f s after the start", title, stage, time.perf_counter() - begin)
         last = stage
 
     return move
+
+
+def compiling() -> AbstractContextManager[Callable[[], float]]:
+    """Return a context that says, once for each command, that functions are compiled."""
+    context = click.get_current_context(silent=True)
+    meta = {} if context is None else context.meta
+
+    def begin() -> None:
+        if not meta.get(COMPILING):
+            say_aside(COMPILING)
+        meta[COMPILING] = True
+
+    return rs.compilation() if level() < 0 else rs.compilation(begin)
 
 
 @contextmanager
@@ -253,24 +312,24 @@ def progress(title: str) -> Iterator[rs.Progress | None]:
     Until its first move, the bar shows activity only. A verbose command prints a line for each stage instead, a quiet
     one nothing.
     """
-    if level() > 0:
-        yield _stages(title)
-        return
-    # There is no stream if it was closed before the start (2>&-).
-    if level() < 0 or sys.stderr is None or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    with compiling():
+        # There is no stream if it was closed before the start (2>&-).
+        if level() or sys.stderr is None or not sys.stderr.isatty():
+            yield _stages(title) if level() > 0 else None
+            return
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=None)
+        task = TextColumn("{task.description}", markup=False)
+        columns = (task, BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            bar.add_task(title, total=None)
 
-        def move(stage: str, fraction: float) -> None:
-            # A smaller fraction starts another stage, whose remaining time is estimated again.
-            if fraction < bar.tasks[0].completed:
-                bar.reset(task)
-            bar.update(task, description=f"{title}: {stage}", total=1.0, completed=fraction)
+            def move(stage: str, fraction: float) -> None:
+                # A smaller fraction starts another stage, whose remaining time is estimated again.
+                shown = bar.tasks[0]
+                if fraction < shown.completed:
+                    bar.reset(shown.id)
+                bar.update(shown.id, description=f"{title}: {stage}", total=1.0, completed=fraction)
 
-        yield move
+            yield move

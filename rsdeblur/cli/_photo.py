@@ -28,7 +28,7 @@ from rsdeblur.cli._inputs import (
 )
 from rsdeblur.cli._log import Gravity
 from rsdeblur.cli._options import ONE_PHOTO, Recording, flag, require
-from rsdeblur.cli._output import level, prepare_folder, say_detail
+from rsdeblur.cli._output import LOG, level, prepare_folder
 from rsdeblur.pipeline.options import BLUR, Options
 
 # Pixels along the picture's edges that do not count, because light from beyond the frame blurred them.
@@ -39,18 +39,8 @@ BORDER = 24
 class Prepared:
     """A photo that is ready to be planned.
 
-    Parameters
-    ----------
-    inputs : Inputs
-        Files of the photo. Without a photo, the picture is None.
-    options : Options
-        Options with what the files decide: transfer, translation, and whether to refine.
-    gravity : Gravity
-        What gravity says of the camera's axes.
-    photo : Path or None
-        The photo, for messages.
-    recording : Recording
-        The options that name the files.
+    `options` contain what the files decide: transfer, translation, and whether to refine. Without a photo, the picture
+    of `inputs` is None.
     """
 
     inputs: Inputs
@@ -89,20 +79,10 @@ def prepare(
     refine_anyway: bool = True,
     inputs: Inputs | None = None,
 ) -> Prepared:
-    """Read the inputs of a photo, and decide by them how it is deblurred.
+    """Read the inputs of a photo unless they are given, and decide by them how it is deblurred.
 
-    Parameters
-    ----------
-    photo : Path or None
-        The photo. Without one, only kernels can be computed.
-    recording : Recording
-        Names the log, the camera and the exposure.
-    options : Options
-        The options; with `max_memory`, the photo is mapped instead of read.
-    refine_anyway : bool
-        Refine where `options` do although gravity contradicts the axes.
-    inputs : Inputs, optional
-        The inputs, if they have been read.
+    Without a photo, only kernels can be computed. With `max_memory`, it is mapped instead of read. `refine_anyway`
+    refines where the options do although gravity contradicts the axes.
     """
     gravity = Gravity()
     if photo is None:
@@ -116,7 +96,7 @@ def prepare(
         options = replace(options, transfer=transfer_of(inputs.picture, options.transfer))
     # With wrong axes, a correction may make the motion more like the right one, but never right.
     if options.refine and gravity.contradicts and not refine_anyway:
-        say_detail(f"{photo}: recording not corrected, because of the direction of gravity; --refine does it anyway")
+        LOG.info("%s: recording not corrected, because of the direction of gravity; --refine does it anyway", photo)
         options = replace(options, refine=False)
     translation = translation_of(recording, inputs.camera, inputs.exposure)
     return Prepared(inputs, replace(options, translation=translation), gravity, photo, recording)
@@ -343,13 +323,9 @@ def peak_memory_mib() -> float | None:
 
 @contextmanager
 def stopwatch() -> Iterator[list[float]]:
-    """Measure the time of the block in s, without compilation; the yielded list contains it after the block.
-
-    Only the first run after the installation compiles. Numba compiles one function at a time, whatever the thread.
-    """
+    """Measure the time of the block in s, without compilation; the yielded list contains it after the block."""
     seconds: list[float] = []
-    compiler = rs.TimingListener()
     begin = time.perf_counter()
-    with rs.install_listener("numba:compile", compiler):
+    with rs.compilation() as compiled:
         yield seconds
-    seconds.append(time.perf_counter() - begin - (compiler.duration if compiler.done else 0.0))
+    seconds.append(time.perf_counter() - begin - compiled())

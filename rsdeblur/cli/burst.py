@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -14,9 +13,10 @@ import click
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, photo_gravity, read_clip, read_inputs, transfer_of
+from rsdeblur.cli._items import result_name
 from rsdeblur.cli._options import CLIP, ONE_OF_MANY, SOLVE, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import capture_warnings, progress
-from rsdeblur.cli._photo import facts_of, peak_memory_mib, refinement_facts, remarks, summary
+from rsdeblur.cli._photo import facts_of, peak_memory_mib, refinement_facts, remarks, stopwatch, summary
 from rsdeblur.cli._types import PATH, TextType, numbers
 from rsdeblur.cli.compare import complete
 from rsdeblur.errors import InputError
@@ -44,6 +44,11 @@ def frame_numbers(text: str) -> list[int]:
     return found
 
 
+def _result(photos: tuple[Path, ...], clip: Path | None, **_: Any) -> Path:
+    source = result_name(photos[0]) if photos else (clip or Path("frames")).with_suffix(".png")
+    return source.with_name(f"{source.stem}-burst{source.suffix}")
+
+
 @click.command("burst", cls=Command, epilog=EXAMPLES)
 @click.argument("photos", type=PATH, nargs=-1, metavar="[PHOTO]...")
 @option("--from", "clip", type=PATH, metavar="VIDEO", help="Take the frames from a video.")
@@ -62,7 +67,12 @@ def frame_numbers(text: str) -> list[int]:
 @_options.recording_options(*CLIP)
 # Colours of several frames have the full resolution.
 @_options.solve_options(*(name for name in SOLVE if name != "chroma"))
-@_options.target_options("OUT", "Picture to write.", report=True)
+@_options.target_options(
+    "OUT",
+    "Picture to write; by default PHOTO-burst or VIDEO-burst.png beside the first one.",
+    default=_result,
+    more=("report",),
+)
 def command(
     photos: tuple[Path, ...],
     clip: Path | None,
@@ -88,7 +98,7 @@ def command(
     if target.report is not None:
         compared = _compared(clip or photos[result.reference], shots, facts, result, options)
         rs.write_page(target.report, complete(compared, recording, options, texts))
-    target.show(facts, *_lines(facts))
+    target.show("burst", facts, *_lines(facts))
 
 
 class Shots(NamedTuple):
@@ -121,8 +131,7 @@ def _deblurred(
     """Deblur and write a burst, and return the facts to report and the result."""
     pictures, numbers, exposures, log, camera = shots
     options = replace(options, transfer=transfer_of(pictures[0], options.transfer))
-    begin = time.perf_counter()
-    with progress("burst") as move:
+    with stopwatch() as watch, progress("burst") as move:
         result = rs.deblur_burst(
             [picture.pixels for picture in pictures],
             *(log, camera, exposures),
@@ -131,7 +140,7 @@ def _deblurred(
             **{each.name: getattr(options, each.name) for each in fields(options)} | {"mode": options.mode or "auto"},
         )
     rs.write_picture(target.output, result.image, like=pictures[result.reference], force=target.force)
-    return _facts(result, numbers, target.output, options, time.perf_counter() - begin), result
+    return _facts(result, numbers, target.output, options, watch[0]), result
 
 
 def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: rs.BurstResult, options: Options) -> rs.Page:

@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 
 import click
 
+from rsdeblur.choices import CAMERA
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import clip_exposures, indices_of, naming, search_span
 from rsdeblur.cli._log import read_log
 from rsdeblur.cli._options import FOR_PHOTOS, Command, Recording, Target, option, refuse_given
-from rsdeblur.cli._output import check_camera_file, print_json, print_table, progress, say
+from rsdeblur.cli._output import check_camera_file, print_table, progress, say
 from rsdeblur.cli._types import PATH, SECONDS
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurError
 
@@ -59,7 +60,11 @@ class Photos(NamedTuple):
     show_default=True,
     help="Number of frames that are used; those of a longer clip are spread over it.",
 )
-@_options.target_options("TOML", "Camera file to write.")
+@_options.target_options(
+    "TOML",
+    f"Camera file to write; by default {CAMERA} beside the first of them.",
+    default=lambda sources, **_: sources[0].with_name(CAMERA),
+)
 def command(
     sources: tuple[Path, ...],
     recording: Recording,
@@ -91,14 +96,12 @@ def command(
         result = method(film.pictures, film.exposures, film.log, film.start, search=search, progress=move)
     if result.accepted:
         result.camera.save(target.output)
-    if target.as_json:
-        print_json(_facts(result, target.output))
-    elif result.values:
+    if result.values and not target.as_json:
         _print(result)
+    lines = [f"{target.output}: written"] if result.accepted else []
+    target.show("calibrate", _facts(result, target.output), *lines)
     if not result.accepted:
         raise InputError(f"{name}: no camera file is written: {result.reason}")
-    if not target.as_json:
-        say(f"{target.output}: written")
 
 
 def _is_clip(film: Photos) -> bool:

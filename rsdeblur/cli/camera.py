@@ -10,14 +10,14 @@ from typing import Any
 
 import click
 
-from rsdeblur.choices import READOUT_DIRECTIONS, TIMESTAMP_MARKS, Auto, Transfer
+from rsdeblur.choices import CAMERA, READOUT_DIRECTIONS, TIMESTAMP_MARKS, Auto, Transfer
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, transfer_of
 from rsdeblur.cli._options import Command, Target, option
-from rsdeblur.cli._output import check_camera_file, print_json, say
-from rsdeblur.cli._types import COUNT, PATH, POSITIVE, READOUT, SECONDS, SIZE, NumberType, TextType, box, numbers
-from rsdeblur.cli.info import camera_facts, print_entry
+from rsdeblur.cli._output import check_camera_file
+from rsdeblur.cli._types import COUNT, PATH, POSITIVE, READOUT, SECONDS, SIZE, NumberType, TextType, numbers
+from rsdeblur.cli.info import camera_facts, lines_of
 from rsdeblur.errors import InputError
 
 EXAMPLES = """\b
@@ -33,12 +33,12 @@ Examples:
 
 
 NUMBERS = TextType("A,B,...", partial(numbers, example="1.5,2,-3"))
-BOX = TextType("WxH+X+Y", partial(box, pattern=r"(\d+)x(\d+)\+(\d+)\+(\d+)", example="1920x1080+960+540"))
 # Values that calibration files do not contain.
 settings = _options.together(
     option("--readout-time", type=READOUT, help="Readout time of the picture."),
     option(
         "--readout-direction",
+        basic=False,
         type=click.Choice(READOUT_DIRECTIONS),
         help="Direction of the readout in the picture as stored.",
     ),
@@ -50,6 +50,7 @@ settings = _options.together(
     option("--time-offset", type=SECONDS, help="Camera time minus gyro time."),
     option(
         "--timestamp-marks",
+        basic=False,
         type=click.Choice(TIMESTAMP_MARKS),
         help="Moment of the timestamps: the start of the first row's exposure, the middle of the middle row's, or the "
         "end of the last row's.",
@@ -74,10 +75,10 @@ def command() -> None:
 @command.command("show", cls=Command)
 @click.argument("file", type=PATH)
 @option("--name", metavar="CAMERA", help="Name of the camera, if the file has several.")
-@_options.json_option
-def show(file: Path, name: str | None, as_json: bool) -> None:
+@_options.target_options()
+def show(file: Path, name: str | None, target: Target) -> None:
     """Show the camera in FILE. It may also be a picture with EXIF."""
-    _print_camera(file, rs.open_camera(file, name=name), as_json)
+    _show(file, rs.open_camera(file, name=name), target)
 
 
 @command.command("new", cls=Command)
@@ -85,10 +86,15 @@ def show(file: Path, name: str | None, as_json: bool) -> None:
 @option("--focal-length", type=NUMBERS, help="Focal length in px, one number or fx,fy.")
 @option("--focal35", type=POSITIVE, help="Focal length as 35 mm equivalent.")
 @option("--principal-point", type=NUMBERS, help="Principal point cx,cy in px.  [default: the middle]")
-@option("--distortion-model", type=click.Choice(["none", "radtan", "fisheye"]), help="Model of the lens distortion.")
-@option("--distortion", type=NUMBERS, help="Its coefficients: k1,k2,p1,p2[,k3[,k4,k5,k6]] or k1,k2,k3,k4.")
+@option(
+    "--distortion-model",
+    basic=False,
+    type=click.Choice(["none", "radtan", "fisheye"]),
+    help="Model of the lens distortion.",
+)
+@option("--distortion", basic=False, type=NUMBERS, help="Its coefficients: k1,k2,p1,p2[,k3[,k4,k5,k6]] or k1,k2,k3,k4.")
 @settings
-@_options.target_options("TOML", "Camera file to write.")
+@_options.target_options("TOML", f"Camera file to write; by default {CAMERA}.", default=lambda **_: Path(CAMERA))
 def new(
     size: tuple[int, int],
     focal_length: tuple[float, ...] | None,
@@ -112,10 +118,10 @@ def new(
 
 @command.command("import", cls=Command)
 @click.argument("source", type=PATH)
-@option("--format", metavar="NAME", help="Format of the file.  [default: recognised by its content]")
+@option("--format", basic=False, metavar="NAME", help="Format of the file.  [default: recognised by its content]")
 @option("--name", metavar="CAMERA", help="Name of the camera, if the file has several: cam1.")
 @option("--size", type=SIZE, help="Size of your pictures, if it is not that of the file.")
-@option("--fps", type=POSITIVE, help="Frame rate, if a lens profile has several settings of one size.")
+@option("--fps", basic=False, type=POSITIVE, help="Frame rate, if a lens profile has several settings of one size.")
 @option("--focal-length", type=POSITIVE, help="Focal length in px of your pictures; replaces the file's.")
 @option("--focal35", type=POSITIVE, help="Focal length as 35 mm equivalent; needs --size.")
 @option(
@@ -123,29 +129,28 @@ def new(
     type=COUNT,
     help="Width of the whole sensor in px, if the focal length of MARS logger refers to it.",
 )
-@option("--scale", type=POSITIVE, default=1.0, help="Factor by which the picture is resized.")
-@option("--crop", type=BOX, help="Part of the picture that is kept.")
 @option("--turn", type=click.IntRange(0, 3), default=0, help="Quarter turns clockwise from that picture to yours.")
 @settings
-@_options.target_options("TOML", "Camera file to write.")
+@_options.target_options(
+    "TOML",
+    f"Camera file to write; by default {CAMERA} beside SOURCE.",
+    default=lambda source, **_: source.with_name(CAMERA),
+)
 def import_(source: Path, format: str | None, focal35: float | None, target: Target, **values: Any) -> None:
     """Import a camera from SOURCE and write a camera file.
 
     SOURCE is a camera file of rsdeblur, a lens profile of Gyroflow, a YAML file of Kalibr, MARS logger's
-    movie_metadata.csv, a .gcsv log, a video with telemetry, or a picture with an EXIF block. --scale, --crop and --turn
-    are applied in this order; the other options then replace values.
+    movie_metadata.csv, a .gcsv log, a video with telemetry, or a picture with an EXIF block. The picture is
+    resized to --size, then turned by --turn; the other options replace values.
     """
-    scale, crop, turn = (values.pop(name) for name in ("scale", "crop", "turn"))
+    turn = values.pop("turn")
     reading = {name: values.pop(name) for name in ("size", "name", "fps", "focal_length", "sensor_width")}
     if focal35 is not None:
         if reading["size"] is None or reading["focal_length"] is not None:
             raise click.UsageError("--focal35 needs --size, and excludes --focal-length", click.get_current_context())
         reading["focal_length"] = pixels_of_focal35(focal35, reading["size"])
     file = rs.open_camera(source, format, **reading)
-    camera = file.camera if scale == 1 else file.camera.scaled(scale)
-    if crop is not None:
-        width, height, left, top = crop
-        camera = camera.cropped(left, top, width, height)
+    camera = file.camera
     for _ in range(turn):
         camera = camera.turned()
     _write(replace(file, camera=camera).with_overrides(**values), target)
@@ -156,9 +161,9 @@ def import_(source: Path, format: str | None, focal35: float | None, target: Tar
 @option("--mains", type=NumberType(40, 70), default=50.0, show_default=True, help="Mains frequency in Hz.")
 @option("--horizontal", is_flag=True, help="The readout runs along x, as in upright phone photos stored upright.")
 @_options.transfer_option
-@_options.json_option
+@_options.target_options()
 def measure_readout(
-    photos: tuple[Path, ...], mains: float, horizontal: bool, transfer: Transfer | Auto, as_json: bool
+    photos: tuple[Path, ...], mains: float, horizontal: bool, transfer: Transfer | Auto, target: Target
 ) -> None:
     """Measure the readout time by the bands that a lamp leaves.
 
@@ -173,23 +178,21 @@ def measure_readout(
             horizontal=horizontal,
             transfer=transfer_of(pictures[0], transfer),
         )
-    if as_json:
-        print_json({"readout_time_s": found.readout_time, "bands": found.bands, "coherence": found.coherence})
+    lines = []
+    if found.readout_time is not None:
+        lines = [f"readout time {1e3 * found.readout_time:.1f} ms: {found.bands:.2f} bands of {500 / mains:.2f} ms"]
+    facts = {"readout_time_s": found.readout_time, "bands": found.bands, "coherence": found.coherence}
+    target.show("camera measure-readout", facts, *lines)
     if found.readout_time is None:
         raise InputError(f"{photos[0]}: {found.reason}")
-    if not as_json:
-        say(f"readout time {1e3 * found.readout_time:.1f} ms: {found.bands:.2f} bands of {500 / mains:.2f} ms")
 
 
 def _write(file: rs.CameraFile, target: Target) -> None:
     check_camera_file(target.output, force=target.force)
     file.camera.save(target.output)
-    _print_camera(target.output, file, target.as_json)
+    _show(target.output, file, target)
 
 
-def _print_camera(path: Path, file: rs.CameraFile, as_json: bool) -> None:
+def _show(path: Path, file: rs.CameraFile, target: Target) -> None:
     entry = {"file": str(path)} | camera_facts(file)
-    if as_json:
-        print_json(entry)
-    else:
-        print_entry(entry)
+    target.show("camera", entry, *lines_of(entry))

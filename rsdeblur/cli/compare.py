@@ -47,10 +47,7 @@ SHEET, MAP, REPORT = "side-by-side.png", "psfs.png", "compare.json"
 EXAMPLES = """\b
 Examples:
   rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o out
-  rsdeblur compare blurred.png --gyro gyro.csv --camera camera.toml --start 0.1 --duration 1/20 \\
-      --truth rolling.png -o out
-  rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o out \\
-      --report report.html
+  rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --start 0.1 --duration 1/20 --report report.html
 """
 
 
@@ -60,6 +57,7 @@ Examples:
 @option(
     *("--mode", "modes"),
     section=BLUR,
+    basic=True,
     type=click.Choice(MODES),
     multiple=True,
     help="Mode to compare; repeat it.  [default: all]",
@@ -68,9 +66,9 @@ Examples:
 @option("--truth", type=PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
 @_options.target_options(
     "DIR",
-    "Folder to write to.  [default: PHOTO-compare beside the photo]",
+    "Folder to write to; by default PHOTO-compare beside it.",
     default=lambda photo, **_: _options.beside(photo, "-compare"),
-    report=True,
+    more=("report",),
 )
 def command(
     photo: Path,
@@ -135,9 +133,9 @@ def compare_modes(
     if target.report is not None:
         rs.write_page(target.report, complete(compared, recording, options, texts))
         report["report"] = str(target.report)
-    write_json(target.output / REPORT, report)
+    write_json(target.output / REPORT, "compare", report)
     if target.as_json:
-        print_json(report)
+        print_json("compare", report)
         return
     header, *rows = rs.mode_table(report)
     print_table(header, rows)

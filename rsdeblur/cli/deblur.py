@@ -18,11 +18,9 @@ from rsdeblur.pipeline.options import Options
 
 EXAMPLES = """\b
 Examples:
-  rsdeblur deblur photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o sharp.jpg
-  rsdeblur deblur photo.png --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 -o sharp.png
-  rsdeblur deblur photo.tif --gyro log.gcsv --camera cam.toml --start 3 --duration 50ms --geometry rectify -o o.tif
+  rsdeblur deblur photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20
   rsdeblur deblur a.jpg b.jpg --gyro Gyroscope.csv --camera phone.toml --start exif -o sharp
-  rsdeblur deblur photo.png --psf kernel.png -o sharp.png
+  rsdeblur deblur photo.png --psf kernel.png
 """
 
 
@@ -35,17 +33,23 @@ def _sharp(photos: tuple[Path, ...], **_: Any) -> Path:
 
 @click.command("deblur", cls=Command, epilog=EXAMPLES)
 @click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
-@option(
-    "--psf", section=RECORDING, type=PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank."
-)
 @_options.recording_options(*_options.ONE_PHOTO, "numbered_from", required=())
+@option(
+    "--psf",
+    section=RECORDING,
+    basic=True,
+    type=PATH,
+    metavar="KERNEL",
+    help="The blur as a kernel (picture, .npy) or PSF bank.",
+)
 @_options.solve_options(*(name for name in _options.SOLVE if name != "refine"))
 @_options.refine_option
 @_options.target_options(
     "OUT|DIR",
-    "Picture to write, or its folder.  [default: PHOTO-sharp beside the photo; of several, their folder's name-sharp]",
+    "Picture to write; by default PHOTO-sharp beside it. Or a folder, for several photos by default that of the first "
+    "one with -sharp after its name.",
     default=_sharp,
-    dry_run=True,
+    more=("dry_run",),
 )
 def command(
     photos: tuple[Path, ...],
@@ -55,10 +59,9 @@ def command(
     refine: bool | None,
     target: Target,
 ) -> None:
-    """Deblur each PHOTO. Metadata, colour profile and bit depth are kept.
+    """Deblur each PHOTO by a gyro log, a camera and an exposure, or by a kernel.
 
-    The blur follows from a gyro log, a camera and an exposure, or is given as a kernel: --psf. Several photos share the
-    log and the camera, and are handled as by `rsdeblur batch`.
+    Metadata, colour profile and bit depth are kept. Several photos are handled as by `rsdeblur batch`.
     """
     if len(photos) > 1:
         if psf is not None:
@@ -91,6 +94,6 @@ def command(
     if target.dry_run:
         size, kernels = (" x ".join(map(str, facts[name])) for name in ("size_px", "psf_px"))
         how = f"{facts['mode']}, PSFs of up to {kernels} px, {facts['prior']}"
-        target.show(facts, f"{photo}: {size} px, all inputs fit; would write {output} ({how})")
+        target.show("deblur --dry-run", facts, f"{photo}: {size} px, all inputs fit; would write {output} ({how})")
     else:
-        target.show(facts, f"{output}: {summary(facts)}", *remarks(facts, asked=bool(refine)))
+        target.show("deblur", facts, f"{output}: {summary(facts)}", *remarks(facts, asked=bool(refine)))

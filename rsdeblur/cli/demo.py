@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import click
 
 from rsdeblur._util.atomic import atomic_write
+from rsdeblur.choices import CAMERA
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._options import Command, Recording, Target, option
@@ -26,7 +27,7 @@ FOCAL35 = 26  # mm, of the photos of a camera app
 LATE = 0.41  # s, of the times in EXIF after the exposures: a camera app writes when it stores the photo
 # The scene extends beyond the frame by this fraction of its longer side, further than the blur reaches.
 MARGIN = 0.1
-LOG, CAMERA, CAPTURES, MOVIE = "gyro_accel.csv", "camera.toml", "movie_metadata.csv", "movie.mp4"
+LOG, CAPTURES, MOVIE = "gyro_accel.csv", "movie_metadata.csv", "movie.mp4"
 CAPTURE_LOG, UNIX_LOG, LOGGED = "gyro.csv", "Gyroscope.csv", (LOG, CAMERA, CAPTURES)
 # Least side of the picture, px.
 LEAST_SIDE = 64
@@ -83,10 +84,7 @@ LOGS = {
 
 EXAMPLES = """\b
 Examples:
-  rsdeblur demo -o demo
   rsdeblur demo --size 1600x1200 --seed 7 -o demo
-  rsdeblur demo --recording --size 320x240 -o session
-  rsdeblur demo --video --size 320x240 -o film
   rsdeblur demo --stock-camera --size 640x480 -o holiday
 """
 
@@ -106,7 +104,7 @@ Examples:
     flag_value="stock-camera",
     help="Only simulate 2 photos of a camera app, and a log of Sensor Logger.",
 )
-@_options.target_options("DIR", "Folder to write to.  [default: demo]", default=lambda **_: Path("demo"))
+@_options.target_options("DIR", "Folder to write to; by default demo.", default=lambda **_: Path("demo"))
 def command(size: tuple[int, int], seed: int, kind: str, target: Target) -> None:
     """Simulate a capture and deblur it in every mode; needs no data.
 
@@ -131,7 +129,7 @@ def command(size: tuple[int, int], seed: int, kind: str, target: Target) -> None
         recording = Recording(gyro=gyro, camera=camera, start=start, duration=duration)
         compare_modes(blurred, recording, Options(), target, truth=rolling)
     elif target.as_json:
-        print_json({"files": names, "command": again})
+        print_json("demo", {"files": names, "command": again})
     if not target.as_json:
         say("", f"The files are in {output}. This command deblurs them:", "", f"  {again}")
 

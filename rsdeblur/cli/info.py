@@ -14,8 +14,8 @@ from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import read_device
 from rsdeblur.cli._log import accelerometer
-from rsdeblur.cli._options import READING, Command, Recording
-from rsdeblur.cli._output import capture_warnings, cell, print_json, say
+from rsdeblur.cli._options import READING, Command, Recording, Target
+from rsdeblur.cli._output import capture_warnings, cell, linked, say
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import CoverageError, FileFormatError
 
@@ -39,8 +39,8 @@ AXES = {
 @click.command("info", cls=Command, epilog=EXAMPLES)
 @click.argument("files", type=PATH, nargs=-1)
 @_options.recording_options(*TOGETHER, *READING, "duration", "time_offset", required=())
-@_options.json_option
-def command(files: tuple[Path, ...], recording: Recording, as_json: bool) -> None:
+@_options.target_options()
+def command(files: tuple[Path, ...], recording: Recording, target: Target) -> None:
     """Show what FILES contain.
 
     FILES are gyro logs, camera files, capture files or pictures. With --gyro, --camera and --capture, also show whether
@@ -56,10 +56,9 @@ def command(files: tuple[Path, ...], recording: Recording, as_json: bool) -> Non
     for entry in _entries(files, recording):
         entries.append(entry)
         # A reason is reported as the error, at the end.
-        if not as_json and "reason" not in entry:
-            print_entry(entry)
-    if as_json:
-        print_json(entries)
+        if not target.as_json and "reason" not in entry:
+            say(*lines_of(entry))
+    target.show("info", {"files": entries})
     reasons = [entry["reason"] for entry in entries if "reason" in entry]
     if reasons:
         raise FileFormatError("; ".join(reasons))
@@ -259,17 +258,16 @@ def describe_picture(path: Path) -> dict[str, Any]:
     return facts | {"gyro": {key: gyro[key] for key in ("samples", "rate_hz", "epoch_ns", "capture_ns")}}
 
 
-def print_entry(entry: dict[str, Any]) -> None:
-    """Print a result of `describe` as text."""
-    say(f"{entry['file']}: {entry['kind']}")
+def lines_of(entry: dict[str, Any]) -> Iterator[str]:
+    """Yield the lines that show a result of `describe`."""
+    yield f"{entry['file']}: {entry['kind']}"
     for key, value in entry.items():
         if key in ("file", "kind") or value in ([], None):
             continue
         if isinstance(value, list) and isinstance(value[0], (dict, list, str)):
-            say(f"  {key}:")
-            for i, item in enumerate(value[:SHOWN]):
-                say(f"    {i}: {cell(item)}")
+            yield f"  {key}:"
+            yield from (f"    {i}: {linked(cell(item))}" for i, item in enumerate(value[:SHOWN]))
             if len(value) > SHOWN:
-                say(f"    ... {len(value) - SHOWN} more, see --json")
+                yield f"    ... {len(value) - SHOWN} more, see --json"
         else:
-            say(f"  {key}: {cell(value)}")
+            yield f"  {key}: {cell(value)}"

@@ -28,7 +28,7 @@ Examples:
 @_options.solve_options("mode", "bands", "strips", "motion", "softness", "nsr")
 @option("--picture", "photo", type=PATH, metavar="PHOTO", help="Draw the kernels over this picture.")
 @option("--bank", type=PATH, metavar="NPZ", help="Save the kernels and their places.")
-@_options.target_options("PNG", "Draw the kernels at their places in the picture.", required=False)
+@_options.target_options("PNG", "Draw the kernels at their places in the picture; without it, print their sizes only.")
 def command(recording: Recording, options: Options, photo: Path | None, bank: Path | None, target: Target) -> None:
     """Compute the blur kernels of an exposure; needs no picture.
 
@@ -63,4 +63,4 @@ def command(recording: Recording, options: Options, photo: Path | None, bank: Pa
         "path_px": {"shortest": shortest, "longest": longest},
     }
     grid = f"{bands} x {strips} kernels (bands x strips) of {wide} x {tall} px"
-    target.show(facts, f"{grid}, paths {shortest:.1f} to {longest:.1f} px long")
+    target.show("psf", facts, f"{grid}, paths {shortest:.1f} to {longest:.1f} px long")

@@ -16,9 +16,7 @@ from rsdeblur.cli._types import NOT_NEGATIVE, PATH
 
 EXAMPLES = """\b
 Examples:
-  rsdeblur simulate sharp.png --gyro gyro.csv --camera phone.toml --start 1.0 --duration 1/20 -o sim
-  rsdeblur simulate sharp.png --gyro gyro.csv --camera phone.toml --start 1.0 --duration 50ms \\
-      --noise 0.01 --bits 16 -o sim
+  rsdeblur simulate sharp.png --gyro gyro.csv --camera phone.toml --start 1.0 --duration 1/20 --noise 0.01
 """
 
 
@@ -35,7 +33,11 @@ Examples:
 )
 @option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise.")
 @option("--bits", type=click.Choice(["8", "16"]), default="8", show_default=True, help="Bits per channel.")
-@_options.target_options("DIR", "Folder to write to.")
+@_options.target_options(
+    "DIR",
+    "Folder to write to; by default SHARP-simulated beside the picture.",
+    default=lambda sharp, **_: _options.beside(sharp, "-simulated"),
+)
 def command(
     sharp: Path,
     recording: Recording,
@@ -64,4 +66,4 @@ def command(
     for path, values in zip(paths, pictures, strict=True):
         rs.write_picture(path, rs.from_linear(values.clip(0.0, 1.0), written), bits=int(bits), force=target.force)
     facts = {"outputs": [str(path) for path in paths], "size_px": [camera.width, camera.height]}
-    target.show(facts, f"{', '.join(map(str, paths))}: {camera.width} x {camera.height} px")
+    target.show("simulate", facts, f"{', '.join(map(str, paths))}: {camera.width} x {camera.height} px")

@@ -20,15 +20,14 @@ from rsdeblur.cli._inputs import (
     search_span,
     transfer_of,
 )
-from rsdeblur.cli._options import SERIES, Command, Recording, option
-from rsdeblur.cli._output import print_json, progress, say
+from rsdeblur.cli._options import SERIES, Command, Recording, Target, option
+from rsdeblur.cli._output import progress
 from rsdeblur.cli._types import PATH, SECONDS
 
 EXAMPLES = """\b
 Examples:
   rsdeblur sync photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4
-  rsdeblur sync photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 --from -100ms --to 100ms \\
-      --write
+  rsdeblur sync photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 --write
   rsdeblur sync frame2.jpg frame5.jpg frame9.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv
 """
 
@@ -40,7 +39,7 @@ Examples:
 @option(*("--from", "first"), type=SECONDS, help="First shift.  [default: -60ms, or -2s with --start exif]")
 @option(*("--to", "last"), type=SECONDS, help="Last shift.  [default: 60ms, or 1s with --start exif]")
 @option("--write", is_flag=True, help="Write the time offset into the camera file.")
-@_options.json_option
+@_options.target_options()
 def command(
     photos: tuple[Path, ...],
     recording: Recording,
@@ -48,7 +47,7 @@ def command(
     first: float | None,
     last: float | None,
     write: bool,
-    as_json: bool,
+    target: Target,
 ) -> None:
     """Estimate the time offset of the clocks from the blur in PHOTO. Several PHOTOs share one.
 
@@ -81,12 +80,12 @@ def command(
     is_written = write and found.time_offset is not None
     if is_written and found.time_offset is not None:
         rs.write_time_offset(recording.camera, found.time_offset)
-    if as_json:
-        print_json(_facts(found) | {"written": str(recording.camera) if is_written else None})
-    offset = checked_offset(found, photos)
-    if not as_json:
+    lines = []
+    if found.time_offset is not None:
         place = f"; written to {recording.camera}" if is_written else ""
-        say(f"time offset {1e3 * offset:.1f} ms (+- {1e3 * found.sd:.1f}){place}")
+        lines = [f"time offset {1e3 * found.time_offset:.1f} ms (+- {1e3 * found.sd:.1f}){place}"]
+    target.show("sync", _facts(found) | {"written": str(recording.camera) if is_written else None}, *lines)
+    checked_offset(found, photos)
 
 
 def _facts(found: rs.OffsetSearch) -> dict[str, Any]:

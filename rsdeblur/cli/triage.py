@@ -60,7 +60,7 @@ class _Shot(NamedTuple):
     metavar="PX",
     help="Longest path of a picture that is worth deblurring.",
 )
-@_options.target_options("DIR", f"Folder for {TABLE}, {REPORT} and {PLOT}.", required=False)
+@_options.target_options("DIR", f"Folder for {TABLE}, {REPORT} and {PLOT}; without it, print the counts only.")
 def command(source: Path, recording: Recording, keep: float, drop: float, target: Target) -> None:
     """Measure the blur of photos or frames by the gyro log alone.
 
@@ -91,11 +91,11 @@ def command(source: Path, recording: Recording, keep: float, drop: float, target
     report = {"keep_px": keep, "drop_px": drop, "counts": judged.counts, "items": entries}
     if output is not None:
         write_table(output / TABLE, list(dict.fromkeys(name for entry in entries for name in entry)), entries)
-        write_json(output / REPORT, report)
+        write_json(output / REPORT, "triage", report)
         with atomic_write(output / PLOT) as file:
             file.write(rs.timeline_svg([entry["time_s"] for entry in entries], judged))
     if target.as_json:
-        print_json(report)
+        print_json("triage", report)
     else:
         _print(source, judged, output)
     if judged.counts["unknown"] == len(judged):

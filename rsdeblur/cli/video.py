@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from rsdeblur._util.atomic import check_target
-from rsdeblur.choices import CRF, KEEP
+from rsdeblur.choices import CRF, KEEP, SHARP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_clip
@@ -28,13 +28,13 @@ EXAMPLES = """\b
 Examples:
   rsdeblur video movie.mp4 --gyro gyro_accel.csv --camera phone.toml --capture movie_metadata.csv -o sharp.mp4
   rsdeblur video clip.mov --gyro clip.gcsv --camera cam.toml --duration 1/50 --quality balanced -o sharp.mov
-  rsdeblur video hero.mp4 --gyro hero.mp4 --camera gopro.toml --duration 1/60 --start 12ms --dry-run -o sharp.mp4
+  rsdeblur video hero.mp4 --camera gopro.toml --duration 1/60 --start 12ms --dry-run
 """
 
 
 @click.command("video", cls=Command, epilog=EXAMPLES, context_settings={"default_map": {"quality": QUALITY}})
 @click.argument("source", type=PATH, metavar="VIDEO")
-@_options.recording_options(*CLIP)
+@_options.recording_options(*CLIP, required=("camera",))
 @_options.solve_options(*(name for name in SOLVE if name not in FOR_PICTURES))
 @option("--codec", section=OUTPUT, metavar="NAME", help="Encoder of FFmpeg, like libx265.  [default: as VIDEO]")
 @option(
@@ -54,7 +54,12 @@ Examples:
     help="Deblur only frames in which a point draws a longer path than this; 0 deblurs all.",
 )
 @_options.jobs_option("frames at a time", "the number of cores, fewer with little memory")
-@_options.target_options("OUT", "Video to write: .mp4, .mov, .mkv or .webm.", dry_run=True)
+@_options.target_options(
+    "OUT",
+    "Video to write: .mp4, .mov, .mkv or .webm; by default VIDEO-sharp beside it.",
+    default=lambda source, **_: source.with_name(f"{source.stem}{SHARP}{source.suffix}"),
+    more=("dry_run",),
+)
 def command(
     source: Path,
     recording: Recording,
@@ -70,10 +75,10 @@ def command(
     Frames whose blur is at most --above stay as they are; up to twice that, frames are mixed with their deblurred
     version. Sound, motion data, timing, rotation and colour tags are kept. The times of the exposures come from
     --capture, or from the timestamps in the video, counted from --start. Frames that the log does not cover are kept as
-    they are.
+    they are. Without --gyro, the log is that in VIDEO itself.
     """
     begin = time.perf_counter()
-    output = target.output
+    recording, output = replace(recording, gyro=recording.gyro or source), target.output
     check_target(output, force=target.force)
     rs.container_of(output)
     rs.keep()
@@ -93,7 +98,7 @@ def command(
         else:
             result = rs.deblur_video(plan, output, encoding=encoding, jobs=jobs, force=target.force, progress=move)
             facts |= asdict(result) | {"seconds": time.perf_counter() - begin}
-    target.show(facts | {"dry_run": target.dry_run}, *_lines(source, output, facts))
+    target.show("video", facts | {"dry_run": target.dry_run}, *_lines(source, output, facts))
 
 
 def _facts(plan: rs.ClipPlan, encoding: rs.Encoding, output: Path) -> dict[str, Any]:

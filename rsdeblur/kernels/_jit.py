@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 import numba
 import numpy as np
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.event import TimingListener, install_listener
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import held_at_forks
@@ -61,6 +62,29 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return dispatcher
 
     return compiled
+
+
+class _Compilation(TimingListener):
+    def __init__(self, begin: Callable[[], None]) -> None:
+        super().__init__()
+        self._begin = begin
+
+    def on_start(self, event: Any) -> None:
+        """Call the function that was given, the first time."""
+        begin, self._begin = self._begin, lambda: None
+        begin()
+        super().on_start(event)
+
+
+@contextlib.contextmanager
+def compilation(begin: Callable[[], None] = lambda: None) -> Iterator[Callable[[], float]]:
+    """Call `begin` when the first function is compiled in the block; yield a function that returns the time of all, s.
+
+    Numba compiles one function at a time, whatever the thread.
+    """
+    timer = _Compilation(begin)
+    with install_listener("numba:compile", timer):
+        yield lambda: timer.duration if timer.done else 0.0
 
 
 def read_only(array: NDArray[Scalar]) -> NDArray[Scalar]:

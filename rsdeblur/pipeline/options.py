@@ -42,8 +42,8 @@ BLUR, SOLVER, COMPUTING = "Blur", "Solver", "Computing"
 def _option(default: Any, section: str | None = None, text: str | None = None, **facts: Any) -> Any:
     """Return a field with its section and text in the help of commands, which have no option for a field without.
 
-    `choices` are the values, `kind` names the check of a number (`_checks`), `modes` are those with an effect, and
-    `shown` is the default as the help prints it.
+    `choices` are the values, `kind` names the check of a number (`_checks`), `modes` are those with an effect, `shown`
+    is the default as the help prints it, and `basic` adds the option to the short help.
     """
     return field(default=default, metadata={"section": section, "help": text, **facts})
 
@@ -72,14 +72,16 @@ class Options:
         SOLVER,
         "Mode and prior together: banded with wiener, or auto or rowwise with hyper-laplacian.",
         choices=tuple(choices.QUALITIES),
+        basic=True,
     )
     mode: Mode | Auto | None = _option(
         None,
         BLUR,
-        "One PSF for the picture, one per tile, or one per row; auto is banded, or rowwise where the blur changes too "
-        "much within its height.",
+        "One PSF for the picture, per tile, or per row. Auto is banded, or rowwise where the blur changes too much "
+        "within its height.",
         choices=("auto", *choices.MODES),
         shown="by --quality",
+        basic=True,
     )
     bands: Count = _option(
         "auto", BLUR, "Number of bands, which divide the picture along the readout.", kind="count", modes=("banded",)

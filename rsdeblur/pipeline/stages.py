@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rsdeblur.types import Progress, StageProgress
 
+LOG = logging.getLogger("rsdeblur")
+
 
 class StageClock:
-    """Times the stages of one computation and reports their progress."""
+    """Times the stages of one computation, reports their progress, and logs them at the level DEBUG."""
 
     def __init__(self, progress: Progress | None = None) -> None:
         self.timings: dict[str, float] = {}  # s spent in each stage so far
@@ -23,7 +26,9 @@ class StageClock:
         if name not in self.timings:
             self._report(name, 0.0)
         yield
-        self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - begin
+        seconds = time.perf_counter() - begin
+        LOG.debug("stage %s: %.3f s", name, seconds)
+        self.timings[name] = self.timings.get(name, 0.0) + seconds
         # The solver reports its own end.
         if name != "apply":
             self._report(name, 1.0)

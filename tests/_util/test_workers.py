@@ -12,7 +12,6 @@ import pytest
 
 from rsdeblur._util import workers
 from rsdeblur._util.workers import Failure
-from tests.installed import needs
 
 # The work is `eval`: a fresh process can import it, and the tasks are expressions.
 DIE = "__import__('os').kill(__import__('os').getpid(), 9)"
@@ -71,11 +70,3 @@ def test_an_interrupt_ends_the_workers_and_tells_what_they_were_doing(tmp_path, 
     assert lost == [task]
     assert not active_children()
     assert capfd.readouterr().err == ""
-
-
-def test_a_cluster_does_the_same():
-    distributed = needs("dask")
-    with distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
-        results = answers(["1 / 0", *map(str, range(9))], scheduler=cluster.scheduler_address)
-    assert results.pop("1 / 0") == Failure("ZeroDivisionError: division by zero")
-    assert results == {str(i): i for i in range(9)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -19,6 +20,7 @@ from PIL import Image
 
 from rsdeblur._util import workers
 from rsdeblur.cli import main
+from rsdeblur.cli._schema import SCHEMA, records
 from rsdeblur.motion.camera import Camera
 
 WIDTH, HEIGHT = 96, 72
@@ -72,8 +74,36 @@ def files(tmp_path: Path) -> Files:
 
 
 def run_command(*arguments: object) -> Result:
-    """Run the command line; any exception fails the test."""
-    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
+    """Run the command line; any exception fails the test, and JSON that is not as `schema.toml` lists it."""
+    words = [str(argument) for argument in arguments]
+    result = CliRunner().invoke(main, words, catch_exceptions=False)
+    if "--json" in words and result.stdout:
+        found = json.loads(result.stdout)
+        assert found.pop("schema") == SCHEMA
+        compare(kind_of(words, found), found)
+    return result
+
+
+def kind_of(words: list[str], found: dict[str, Any]) -> str:
+    """Return the kind of what a command prints."""
+    name = words[0]
+    if name == "camera":
+        return "camera measure-readout" if words[1] == "measure-readout" else name
+    if name == "deblur":
+        return "batch" if "items" in found else "deblur --dry-run" if "--dry-run" in words else name
+    return "compare" if name == "demo" and "modes" in found else name
+
+
+def compare(kind: str, found: dict[str, Any]) -> None:
+    """Check that a record has all stable keys of its kind, and no other beside "details"."""
+    keys = records()[kind]
+    assert {name for name in keys if name[-1] != "?"} <= found.keys() <= {*(n.rstrip("?") for n in keys), "details"}
+    for name, key in keys.items():
+        value = found.get(name.rstrip("?"))
+        if isinstance(key, dict) and value is not None:
+            ((form, inner),) = key.items()
+            for each in [value] if form == "record" else value if form == "list" else value.values():
+                compare(inner, each)
 
 
 @pytest.fixture

@@ -17,7 +17,6 @@ from rsdeblur.choices import VERDICTS
 from rsdeblur.cli._items import COLUMNS
 from rsdeblur.cli.batch import work
 from rsdeblur.io import read_picture
-from tests.installed import needs
 
 FAST = ("--mode", "global", "--quality", "fast", "--nsr", "0.01", "--jobs", "1")
 SOME_FAILED = 3
@@ -256,12 +255,3 @@ def test_interrupt_leaves_nothing_unfinished(run, here: None, processes, files, 
     finished = len(list(out.glob("*.png")))
     path.write_text("".join(path.read_text().splitlines(keepends=True)[: finished + 3]))
     assert states(entries(run, path, *files.sources, "-o", out)).split() == ["skipped"] * finished + ["done"] * 2
-
-
-def test_on_a_cluster(run, files, manifest: Path, tmp_path: Path) -> None:
-    distributed = needs("dask")
-    with distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
-        call = (manifest, *files.sources, "-o", tmp_path / "out", "--scheduler", cluster.scheduler_address)
-        assert states(entries(run, *call, code=SOME_FAILED)) == "done done done failed failed"
-    result = run("batch", manifest, *files.sources, "-o", tmp_path / "new", "--scheduler", "tls://127.0.0.1:9")
-    assert (result.exit_code, "no Dask scheduler answers at tls://127.0.0.1:9" in result.stderr) == (1, True)

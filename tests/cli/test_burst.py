@@ -47,22 +47,12 @@ def test_photos_with_json_and_report(run, burst: Path, tmp_path: Path) -> None:
     text = page.read_text()
     assert "Frames and what they contribute" in text
     assert text.count('alt="frame 1"') == 2
-    result = run(*arguments(burst, "--frames", "0,1", "-o", out, "--force"))
-    assert "2 of 2 frames" in result.stdout
+    result = run(*arguments(burst, "--frames", "0,1"))
+    assert f"{burst / '0-burst.png'}: 2 of 2 frames" in result.stdout
 
 
 def test_options_of_deblur_work_for_bursts(run, burst: Path, tmp_path: Path) -> None:
-    options = [
-        "--refine",
-        "--motion",
-        "small-angle",
-        "--border",
-        "periodic",
-        "--saturation",
-        "always",
-        "--softness",
-        "0.3",
-    ]
+    options = ["--refine", "--motion", "small-angle", "--border", "periodic", "--saturation", "always"]
     call = arguments(burst, "--frames", "0:2", "-o", tmp_path / "out.png", "--force", *options)
     result = run(*call)
     assert result.exit_code == 0, result.output

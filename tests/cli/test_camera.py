@@ -26,24 +26,17 @@ Run = Callable[..., Result]
 
 def test_new_names_what_it_assumes(run: Run, tmp_path: Path) -> None:
     result = run("camera", "new", "--size", "4000x3000", "--focal-length", "4.7", "-o", tmp_path / "new.toml")
-    for text in ("readout time is unknown", "give --imu", "is it in mm?"):
+    for text in ("readout time is unknown", "readout-times", "give --imu", "camera-file", "is it in mm?"):
         assert text in result.stdout
 
 
 def test_new(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "new.toml"
-    options = (
-        "--readout-time",
-        "18ms",
-        "--readout-direction",
-        "left-right",
-        "--imu",
-        "YxZ",
-        "--timestamp-marks",
-        "middle",
-    )
+    options = ("--readout-time", "18ms", "--readout-direction", "left-right", "--timestamp-marks", "middle")
     lens = ("--distortion-model", "radtan", "--distortion", "-0.1,0.01,0.001,0.002", "--principal-point", "200,149")
-    result = run("camera", "new", "--size", "400x300", "--focal-length", "410,411", *options, *lens, "-o", out)
+    result = run(
+        "camera", "new", "--size", "400x300", "--focal-length", "410,411", "--imu", "YxZ", *options, *lens, "-o", out
+    )
     assert result.exit_code == 0, result.stderr
     camera = read_camera(out)
     assert (camera.focal_length, camera.principal_point, camera.readout_time) == ((410.0, 411.0), (200.0, 149.0), 0.018)
@@ -72,19 +65,18 @@ def test_a_camera_file_is_called_toml(run: Run, files: Files, tmp_path: Path) ->
         assert not out.exists()
 
 
-def test_import_scales_crops_and_turns(run: Run, tmp_path: Path) -> None:
+def test_import_resizes_and_turns(run: Run, tmp_path: Path) -> None:
     source, out = tmp_path / "a.toml", tmp_path / "b.toml"
     camera = Camera(400, 300, 410.0, readout_time=0.02, imu_to_camera="phone-landscape")
     camera.save(source)
-    steps = ("--scale", 0.5, "--crop", "100x80+20+30", "--turn", 1, "--time-offset", "-5ms")
+    steps = ("--size", "200x150", "--turn", 1, "--time-offset", "-5ms")
     result = run("camera", "import", source, *steps, "-o", out)
     assert result.exit_code == 0, result.stderr
-    expected, found = camera.scaled(0.5).cropped(20, 30, 100, 80).turned(), read_camera(out)
-    assert (found.width, found.height, found.focal_length) == (80, 100, expected.focal_length)
+    expected, found = camera.resized(200, 150).turned(), read_camera(out)
+    assert (found.width, found.height, found.focal_length) == (150, 200, expected.focal_length)
     assert (found.readout_time, found.readout_direction) == (expected.readout_time, "right-left")
     np.testing.assert_allclose(found.imu_to_camera, imu_to_camera("phone-portrait"), atol=1e-15)
     assert found.time_offset == -0.005
-    assert run("camera", "import", source, "--crop", "all", "-o", out, "--force").exit_code == 2
 
 
 def test_options_replace_assumptions_without_a_warning(run: Run, files: Files, tmp_path: Path) -> None:

@@ -85,7 +85,7 @@ def test_info_shows_the_accelerometer_and_trajectories(run: Run, tmp_path: Path)
     timestamps = [0.5 + 0.01 * i for i in range(9)]
     log.write_text("t[s],gx,gy,gz,ax[g],ay[g],az[g]\n" + "".join(f"{t},0,0,0,0,1,0\n" for t in timestamps))
     track.write_text("".join(f"{t} {t} 0 0 0 0 0 1\n" for t in timestamps))
-    gyro, poses = json.loads(run("info", log, track, "--json").stdout)
+    gyro, poses = json.loads(run("info", log, track, "--json").stdout)["files"]
     assert (gyro["kind"], poses["kind"], poses["poses"]) == ("gyro log", "trajectory", 9)
     assert gyro["gravity_m_s2"] == pytest.approx(9.80665)
     assert poses["extent_m"] == pytest.approx([0.08, 0, 0])
@@ -139,10 +139,14 @@ def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:
 
 
 def test_simulate_writes_three_pictures(run: Run, files: Files, tmp_path: Path) -> None:
-    result = run("simulate", files.photo, *files.recording, "--noise", 0.01, "--bits", 16, "-o", tmp_path / "sim")
+    result = run("simulate", files.photo, *files.recording, "--noise", 0.01, "--bits", 16)
     assert result.exit_code == 0, result.stderr
-    assert {path.name for path in (tmp_path / "sim").iterdir()} == {"blurred.png", "rectified.png", "rolling.png"}
-    with Image.open(files.photo) as sharp, Image.open(tmp_path / "sim" / "rectified.png") as rectified:
+    assert {path.name for path in (tmp_path / "photo-simulated").iterdir()} == {
+        "blurred.png",
+        "rectified.png",
+        "rolling.png",
+    }
+    with Image.open(files.photo) as sharp, Image.open(tmp_path / "photo-simulated" / "rectified.png") as rectified:
         difference = np.asarray(rectified, dtype=float) - np.asarray(sharp, dtype=float)
     # The rectified reference is the scene itself; 16 bits read as 8 may round the other way.
     assert np.abs(difference).max() <= 1.0
@@ -151,7 +155,7 @@ def test_simulate_writes_three_pictures(run: Run, files: Files, tmp_path: Path) 
 def test_info_recognises_the_kinds(run: Run, files: Files) -> None:
     result = run("info", *files, "--json")
     assert result.exit_code == 0, result.stderr
-    picture, gyro, camera, captures = entries = json.loads(result.stdout)
+    picture, gyro, camera, captures = entries = json.loads(result.stdout)["files"]
     assert [entry["kind"] for entry in entries] == ["picture", "gyro log", "camera", "captures"]
     assert picture["size_px"] == [WIDTH, HEIGHT]
     assert gyro["rate_hz"] == pytest.approx(200.0)
@@ -163,14 +167,14 @@ def test_info_recognises_the_kinds(run: Run, files: Files) -> None:
 
 def test_info_reports_coverage_and_suspicious_units(run: Run, files: Files) -> None:
     result = run("info", *files.sources, "--capture", files.captures, "--json")
-    (entry,) = json.loads(result.stdout)
+    (entry,) = json.loads(result.stdout)["files"]
     states = [exposure["coverage"] for exposure in entry["exposures"]]
     assert states[:2] == ["complete", "complete"]
     assert "misses" in states[2]
     text = files.gyro.read_text().splitlines()
     degrees = [",".join([line.split(",")[0], "80.0", "0.0", "0.0"]) for line in text[1:]]
     files.gyro.write_text("\n".join([text[0], *degrees]) + "\n")
-    (entry,) = json.loads(run("info", files.gyro, "--json").stdout)
+    (entry,) = json.loads(run("info", files.gyro, "--json").stdout)["files"]
     assert "degrees" in " ".join(entry["remarks"])
 
 

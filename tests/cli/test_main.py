@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
+import numba
 import pytest
 from click.testing import CliRunner, Result
 
@@ -17,6 +18,7 @@ import rsdeblur
 import rsdeblur.io.pictures
 from rsdeblur.cli import COMMANDS, RETRY, ending_signals, main
 from rsdeblur.cli._options import Recording
+from rsdeblur.cli._output import progress
 from rsdeblur.pipeline.options import Options
 
 if TYPE_CHECKING:
@@ -54,17 +56,20 @@ def test_every_help_has_examples(name: str) -> None:
 
 def test_options_are_made_of_the_table() -> None:
     """Each field with a help text is an option of the command that deblurs a photo, with its text and section."""
-    text = " ".join(CliRunner().invoke(main, ["deblur", "--help"], terminal_width=10_000).stdout.split())
+    assert len(CliRunner().invoke(main, ["deblur", "--help"]).stdout.splitlines()) <= 30
+    text = " ".join(CliRunner().invoke(main, ["deblur", "--help-all"], terminal_width=10_000).stdout.split())
     for each in (*fields(Options), *fields(Recording)):
         if each.metadata.get("help") and each.name != "numbered_from":
             assert f"--{each.name.replace('_', '-')} " in text
             assert " ".join(each.metadata["help"].split()) in text or each.name == "refine"
 
 
-def test_quiet_and_verbose(files: Files, run: Callable[..., Result]) -> None:
+def test_quiet_and_verbose(files: Files, run: Callable[..., Result], caplog: pytest.LogCaptureFixture) -> None:
     arguments = ["deblur", str(files.photo), *files.recording, "--quality", "fast"]
-    quiet = run(*arguments, "-o", str(files.photo.with_name("a.png")), "-q")
+    with caplog.at_level("DEBUG", "rsdeblur"):
+        quiet = run(*arguments, "-o", str(files.photo.with_name("a.png")), "-q")
     assert quiet.output == ""
+    assert "stage apply: " in caplog.text
     verbose = run(*arguments, "-o", str(files.photo.with_name("b.png")), "-v")
     for text in ("rsdeblur: log: plain", "rsdeblur: exposure: 0 ns + 0.200000 s, 40 ms", "rsdeblur: deblur: apply"):
         assert text in verbose.stderr
@@ -95,21 +100,28 @@ def test_no_traceback(
     assert len(result.stderr.splitlines()) == 1
 
 
+def test_compilation_is_announced_once(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress("work"):
+        for function in (lambda x: x + 1, lambda x: x + 2):
+            numba.njit(function)(1)
+    assert capsys.readouterr().err.count("compiling once") == 1
+
+
 def test_a_compiler_is_not_interrupted() -> None:
     """An exception would leave its locks locked; the interrupt comes when it has ended."""
-    numba: dict[str, Any] = {"__name__": "numba.core", "signal": signal, "time": time, "done": False}
+    compiler: dict[str, Any] = {"__name__": "numba.core", "signal": signal, "time": time, "done": False}
     exec(
         "def compile(wait):\n  signal.raise_signal(signal.SIGTERM)\n  time.sleep(wait)\n  global done\n  done = True",
-        numba,
+        compiler,
     )
 
     def work() -> None:
         with ending_signals():
-            numba["compile"](3 * RETRY)
+            compiler["compile"](3 * RETRY)
             time.sleep(30)
 
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(KeyboardInterrupt):
         work()
-    assert numba["done"]
+    assert compiler["done"]
     assert signal.getsignal(signal.SIGTERM) is before
