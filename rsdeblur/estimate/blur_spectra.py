@@ -24,22 +24,12 @@ KERNELS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlurSpectra:
-    """Power spectra of a picture whose gradient has the energy 1, and of the PSFs; all arrays have the same shape.
+    """Power spectra of a picture whose gradient has the energy 1, and of its PSFs; all have the same shape.
 
-    Parameters
-    ----------
-    signal : ndarray
-        Spectrum of the picture, L / |D|^2; zero for the mean, which no filter changes.
-    gradient : ndarray
-        Squared response of the differences, |D|^2.
-    power : ndarray
-        Mean of |H|^2 over the PSFs.
-    undone : ndarray
-        |H|^2 of the PSF that a filter undoes; `power` where each filter undoes its own PSF.
-    match : ndarray
-        Mean of H times the conjugate of the undone one; `power` where each filter undoes its own PSF.
-    halved : ndarray
-        Squared response of halving and of the differences at half the size.
+    `signal` is that of the picture, L / |D|^2, zero for the mean, which no filter changes. `gradient` is |D|^2, the
+    squared response of the differences, and `halved` that of halving and of the differences at half the size. `power`
+    is the mean of |H|^2 over the PSFs, `undone` is |H|^2 of the PSF that a filter undoes, and `match` the mean of H
+    times the conjugate of the undone one; both equal `power` where each filter undoes its own PSF.
     """
 
     signal: FloatArray
@@ -55,16 +45,10 @@ class BlurSpectra:
         return float((self.signal * self.gradient * self.power).mean())
 
     def energy(self, light: FloatImage, octave_noise: Sequence[float], path_error: float) -> float:
-        """Return the mean squared gradient of the sharp picture.
+        """Return the mean squared gradient of the sharp picture whose blurred one is `light`, shape (H, W, C).
 
-        Parameters
-        ----------
-        light : ndarray, shape (H, W, C), float32
-            The blurred picture.
-        octave_noise : sequence of float
-            Standard deviation of its noise in each octave.
-        path_error : float
-            Mean square of the errors of the paths, px^2.
+        `octave_noise` has the standard deviation of its noise in each octave, `path_error` is the mean square of the
+        errors of the paths, px^2.
         """
         measured = gradient_energy(light)
         of_noise = light.shape[2] * float((self.halved * noise_spectrum(octave_noise, len(self.halved))).mean())

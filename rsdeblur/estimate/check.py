@@ -104,25 +104,7 @@ def assess(
     resampled: bool,
     threads: int | None = None,
 ) -> QualityCheck:
-    """Check a result.
-
-    Parameters
-    ----------
-    evidence : MotionEvidence
-        What the blurred picture says of the motion that was undone.
-    result : EncodedImage
-        The sharp picture, readout along y.
-    meter : UndershootMeter
-        Measurements of both pictures.
-    resampled : bool
-        Whether the result was straightened.
-    threads : int, optional
-        Threads that share the work; default all processors.
-
-    Returns
-    -------
-    QualityCheck
-    """
+    """Check a result, a sharp picture with its readout along y; `resampled` says whether it was straightened."""
     ringing, ringings = meter.ringing()
     check = QualityCheck("cannot tell", (), None, None, ringing, None, None, None, (), ringings)
     if evidence.tiles is None:

@@ -51,15 +51,10 @@ COARSE, QUIET, WHITE, PROCESSED = (0.125, 0.177), 0.1, 1.5, 2.5
 class Floors(NamedTuple):
     """Noise of a picture and error of its PSFs.
 
-    Attributes
-    ----------
-    octave_noise : tuple of float
-        Standard deviation of the noise in each of the octaves of :mod:`rsdeblur.estimate.noise`, in the units of the
-        picture: white noise has the same in all.
-    path_error : float
-        Mean square of the errors of the paths, px^2. It is too low, because the powers of the scene absorb a part.
-    processed : float, default 0.0
-        How clearly the noise has the colour that denoising leaves, from 0 (white) to 1.
+    `octave_noise` is the standard deviation in each of the octaves of :mod:`rsdeblur.estimate.noise`, in the units of
+    the picture; white noise has the same in all. `path_error` is the mean square of the errors of the paths, px^2; it
+    is too low, because the powers of the scene absorb a part. `processed` says how clearly the noise has the colour
+    that denoising leaves, from 0 (white) to 1.
     """
 
     octave_noise: tuple[float, ...]
@@ -68,16 +63,10 @@ class Floors(NamedTuple):
 
 
 def measure_floors(light: FloatImage, bank: PsfBank) -> Floors | None:
-    """Return the noise of a picture and the error of its PSFs, or None if they cannot be measured.
+    """Return the noise of a picture in linear light, shape (H, W, C), and the error of its PSFs.
 
-    That is so if the picture is smaller than a tile, or all tiles are clipped or even.
-
-    Parameters
-    ----------
-    light : ndarray, shape (H, W, C), float32
-        Linear light.
-    bank : PsfBank
-        PSFs of the picture; a few that are spread over it are enough.
+    A few PSFs that are spread over it are enough. None if the picture is smaller than a tile, or all tiles are clipped
+    or even.
     """
     least = light.min()
     peak = light.max() - least

@@ -54,19 +54,11 @@ LEVELS = np.ones(1)
 class MotionEvidence:
     """What a blurred picture says of its motion.
 
-    Parameters
-    ----------
-    tiles : CheckTiles or None
-        Tiles of the picture; None where they say nothing.
-    unknown : str
-        Sentence that says why they do not; empty where they do.
-    scores : dict
-        Lead of the motion over each alternative, nats, as means of the rows of tiles, shape (B,).
-    half_turn : float or None
-        See :class:`rsdeblur.estimate.QualityCheck`.
-    clearer : callable
-        Takes names of straight blurs and other sizes, and a number of threads, and returns how much clearer the sharp
-        picture is with the motion than with each, as differences of the logarithm of l1 / l2 of the gradient.
+    `tiles` is None where they say nothing, and the sentence `unknown` says why. `scores` has the lead of the motion
+    over each alternative, nats, as means of the rows of tiles, shape (B,). `half_turn` is that of
+    :class:`rsdeblur.estimate.QualityCheck`. `clearer` takes names of straight blurs and other sizes, and a number of
+    threads, and returns how much clearer the sharp picture is with the motion than with each: differences of the
+    logarithm of l1 / l2 of the gradient.
     """
 
     tiles: CheckTiles | None = None
@@ -77,17 +69,7 @@ class MotionEvidence:
 
     @classmethod
     def of(cls, encoded: EncodedImage, capture: Capture, *, threads: int | None = None) -> MotionEvidence:
-        """Measure a picture.
-
-        Parameters
-        ----------
-        encoded : EncodedImage
-            The blurred picture, readout along y.
-        capture : Capture
-            The motion.
-        threads : int, optional
-            Threads that share the work; default all processors.
-        """
+        """Measure a blurred picture that has its readout along y, under its motion."""
         length = capture.mean_length
         height, width, _ = encoded.shape
         if length < SHORT:

@@ -22,28 +22,16 @@ MEDIAN = 0.67449
 
 
 def noise_level(light: FloatImage) -> float:
-    """Estimate the standard deviation of the noise: the root mean square over the picture and its channels.
+    """Estimate the standard deviation of the noise: the root mean square over a picture (H, W, C) and its channels.
 
     Noise that is even in encoded values, or comes from photons, is stronger in bright light, and none is left where the
     picture is clipped. So each block has its own estimate, from the median magnitude of its second differences along
-    both axes [1]_ [2]_, and the squares are averaged. Demosaicing, denoising and JPEG remove noise from the finest
-    scale first, so the picture at half its size is estimated, too. There detail passes for noise: the estimate is up to
-    twice too high in pictures with little blur. So half of it is used, where that is larger than the first estimate.
+    both axes (Donoho and Johnstone, Biometrika 81, 1994; Immerkaer, Computer Vision and Image Understanding 64, 1996),
+    and the squares are averaged.
 
-    Parameters
-    ----------
-    light : ndarray, shape (H, W, C), float32
-        Linear light.
-
-    Returns
-    -------
-    float
-        Noise in units of `light`; 0 for a picture of less than 3 x 3 px.
-
-    References
-    ----------
-    .. [1] D. L. Donoho and I. M. Johnstone, "Ideal spatial adaptation by wavelet shrinkage", Biometrika 81, 1994.
-    .. [2] J. Immerkaer, "Fast noise variance estimation", Computer Vision and Image Understanding 64, 1996.
+    Demosaicing, denoising and JPEG remove noise from the finest scale first, so the picture at half its size is
+    estimated, too. There detail passes for noise: the estimate is up to twice too high in pictures with little blur. So
+    half of it is used, where that is larger. It is 0 for a picture of less than 3 x 3 px.
     """
     # Half of the estimate at half the size, times 2, because an average of four pixels has half the noise.
     return max(_blockwise(light), 0.5 * 2.0 * _blockwise(halved(light)))
@@ -57,12 +45,7 @@ def overall_noise(octaves: ArrayLike) -> float:
 def noise_spectrum(octaves: ArrayLike, side: int) -> FloatArray:
     """Return the power of noise at the frequencies of `numpy.fft.fft2` of a square; its mean is the variance.
 
-    Parameters
-    ----------
-    octaves : array_like, shape (3,)
-        Standard deviation of the noise in each octave, as white noise of the same power would have.
-    side : int
-        Side of the square, px.
+    `octaves` has the standard deviation in each octave, as white noise of the same power would have.
     """
     frequencies = fft.fftfreq(side)
     radius = np.hypot(frequencies[:, None], frequencies)
@@ -71,19 +54,9 @@ def noise_spectrum(octaves: ArrayLike, side: int) -> FloatArray:
 
 
 def gradient_energy(light: FloatImage) -> float:
-    """Return the mean squared gradient of a picture at half its size, noise included.
+    """Return the mean squared gradient of a picture (H, W, C) at half its size, noise included.
 
     Both directions and all channels are added up. At half the size noise has four times less weight than at full size.
-
-    Parameters
-    ----------
-    light : ndarray, shape (H, W, C), float32
-        Linear light.
-
-    Returns
-    -------
-    float
-        Squared units of `light` per px of the halved picture.
     """
     if min(light.shape[:2]) < 2:  # too narrow to be halved
         return sum(float(np.square(part).sum(axis=2).mean()) for part in gradient(light, periodic=False))

@@ -27,17 +27,9 @@ DIRECTION: NDArray[np.intp] = np.minimum(
 
 
 def periodograms(tiles: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the power of both differences of pictures under a Hann window; white noise has the power of GRADIENT.
+    """Return the power of both differences of tiles (..., TILE, TILE) under a Hann window, as that of `rfft2`.
 
-    Parameters
-    ----------
-    tiles : ndarray, shape (..., TILE, TILE)
-        The pictures.
-
-    Returns
-    -------
-    ndarray, shape (..., TILE, TILE // 2 + 1), float32
-        Power at the frequencies of `numpy.fft.rfft2`.
+    White noise has the power of GRADIENT.
     """
     hann = np.sin(np.pi * np.arange(TILE) / TILE) ** 2
     window = (np.outer(hann, hann) / np.sum(hann**2)).astype(np.float32)
@@ -53,14 +45,7 @@ def noise_between(power: NDArray[np.float32], low: float, high: float) -> NDArra
     """Return the power of white noise in each tile: the least of several directions in a ring of frequencies.
 
     A scene and a blur have a direction, noise has none. Noise of the picture's average does not do: a likelihood needs
-    the noise of each tile, in the units of its periodogram.
-
-    Parameters
-    ----------
-    power : ndarray, shape (..., TILE, TILE // 2 + 1)
-        Power of the tiles, see :func:`periodograms`.
-    low, high : float
-        Bounds of the ring, cycles/px.
+    the noise of each tile, in the units of its periodogram. `low` and `high` bound the ring, cycles/px.
     """
     ring = (low < RADIUS) & (high > RADIUS)
     white = power / np.maximum(GRADIENT, 1e-9)

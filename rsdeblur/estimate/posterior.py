@@ -44,14 +44,7 @@ STEEPEST = 8.0
 class PhotoLikelihood:
     """Likelihood of corrections of one photo by its spectra; corrections are rows of a place.
 
-    Parameters
-    ----------
-    spectra : TileSpectra
-        Spectra of the photo.
-    recording : Recording
-        Recording of the photo as given.
-    deviations : ndarray, shape (8,)
-        Standard deviations of the errors of the recording, in the units of :class:`Correction`.
+    `recording` is the one given, `deviations` are those of its errors, shape (8,), in the units of :class:`Correction`.
     """
 
     def __init__(self, spectra: TileSpectra, recording: Recording, deviations: FloatArray) -> None:
@@ -120,14 +113,8 @@ class PhotoLikelihood:
 class Posterior:
     """How likely corrections are, given the photos' spectra and how uncertain the recording is.
 
-    Parameters
-    ----------
-    photos : sequence of PhotoLikelihood
-        The photos, with the same deviations.
-    deviations : ndarray, shape (8,)
-        Standard deviations of the errors of the recordings, in the units of :class:`Correction`; 0 for what is known.
-    threads : int or None, default 1
-        Threads that share the photos; None means all processors.
+    All photos have the same `deviations`, shape (8,), of the errors of their recordings, in the units of
+    :class:`Correction`; 0 for what is known. Threads share the photos; None means all processors.
     """
 
     def __init__(self, photos: Sequence[PhotoLikelihood], deviations: FloatArray, *, threads: int | None = 1) -> None:
@@ -261,14 +248,9 @@ def damped(information: FloatArray, damping: float) -> FloatArray:
 
 
 def costs_of(tiles: FloatArray) -> FloatArray:
-    """Return how much less likely each of several motions is than the likeliest one of each tile, nats.
+    """Return how much less likely each motion is than the likeliest one of each tile, nats; no tile decides alone.
 
-    No tile decides alone.
-
-    Parameters
-    ----------
-    tiles : ndarray, shape (M, tiles)
-        Nats of the tiles of a photo under each motion.
+    `tiles` has the nats of the tiles of a photo under each motion, shape (M, tiles).
     """
     costs: FloatArray = np.minimum(tiles - tiles.min(axis=0), MOST_NATS).mean(axis=1) / TILES_AS_ONE
     return costs

@@ -299,13 +299,7 @@ def _unrefined(recording: Recording, deviations: FloatArray, reason: str) -> Ref
 
 
 def exposures_of(exposure: Exposure | Sequence[Exposure]) -> list[Exposure]:
-    """Return the exposure of each photo.
-
-    Raises
-    ------
-    InputError
-        If there is none, or one is no :class:`rsdeblur.Exposure`.
-    """
+    """Return the exposure of each photo; InputError if there is none, or one is no :class:`rsdeblur.Exposure`."""
     exposures = [exposure] if isinstance(exposure, Exposure) else exposure_list(exposure, "exposure")
     if not exposures:
         raise InputError("exposure must be an Exposure, or a sequence with one for each image, got none")
@@ -320,10 +314,7 @@ def grey_lights(
 ) -> list[NDArray[np.float32]]:
     """Return the mean linear light of the channels of each photo, reduced to `SIDE` px.
 
-    Raises
-    ------
-    InputError
-        If one is not a picture, not of the camera's size, or there are not as many as exposures.
+    InputError if one is not a picture, not of the camera's size, or there are not as many as exposures.
     """
     single = isinstance(exposure, Exposure)
     images = [image] if single else validate.items("image", cast("Iterable[ArrayLike]", image))

@@ -52,16 +52,9 @@ LEAST_ALONE = 70.0
 
 
 class DriftByRegion:
-    """Search for a correction with a drift for each region.
+    """Search for a correction with a drift for each region of one photo, whose recording has no translation.
 
-    Parameters
-    ----------
-    score : Score
-        Scores of corrections of one photo, whose recording has no translation.
-    deviations : ndarray, shape (8,)
-        Standard deviations of its errors.
-    threads : int or None
-        Threads that share the work; None means all processors.
+    `deviations` are the standard deviations of its errors, shape (8,).
     """
 
     def __init__(
@@ -77,19 +70,10 @@ class DriftByRegion:
         self._region = _nearest(photo.likelihood.spectra.centres, self._centres)
 
     def best(self, places: Sequence[FloatArray], over: FloatArray | None) -> Corrected | None:
-        """Return the best of several corrections, adjusted, with its factors.
+        """Return the best of several corrections, adjusted, with its factors; None where one factor does as well.
 
-        Parameters
-        ----------
-        places : sequence of ndarray, shape (1, 8)
-            Corrections.
-        over : ndarray, shape (1, 8), or None
-            The best credible correction by one drift, which it must exceed; None if there is none.
-
-        Returns
-        -------
-        Corrected or None
-            None where one factor explains the picture as well.
+        `places` have the shape (1, 8). The result must exceed `over`, the best credible correction by one drift, if
+        there is one.
         """
         score = self._score
         best, most = None, -np.inf if over is None else score.of(over) - score.cost(over)
@@ -174,16 +158,10 @@ class DriftByRegion:
 def with_factors(
     recording: Recording, correction: Correction, factors: FloatArray, centres: tuple[FloatArray, FloatArray]
 ) -> Recording:
-    """Return the corrected recording with factors on its drift.
+    """Return the corrected recording with factors on its drift in regions of the upright picture, shape (R, C).
 
-    Parameters
-    ----------
-    recording, correction
-        The recording as given, without a translation, and its correction.
-    factors : ndarray, shape (R, C)
-        Factors in regions of the upright picture.
-    centres : (ndarray, ndarray)
-        Centres of their rows and columns, as shares of the picture's height and width.
+    The recording has no translation. `centres` are those of the rows and columns of regions, as shares of the picture's
+    height and width.
     """
     rest = recording.corrected(_scaled(correction, 0.0))
     down, across = (hat_weights(at * STEPS * len(at), STEPS * len(at) + 1) for at in centres)
@@ -209,9 +187,7 @@ def _nearest(places: tuple[FloatArray, FloatArray], centres: tuple[FloatArray, F
 def _alike(costs: FloatArray, factors: FloatArray) -> tuple[NDArray[np.intp], float]:
     """Return the labels (R, C) whose costs (L, R, C), with those of differences between neighbours, are least.
 
-    Labels are indices of `factors`.
-
-    Regions of either colour of a chequerboard change in turn, from several starts.
+    Labels are indices of `factors`. Regions of either colour of a chequerboard change in turn, from several starts.
     """
     count, rows, cols = costs.shape
     apart = NATS_PER_SQUARE * np.minimum(np.square(np.subtract.outer(factors, factors)), MOST_SQUARE)

@@ -37,16 +37,7 @@ class Rival(NamedTuple):
 def rival_lead(score: Score, found: Sequence[Recording], deviations: FloatArray, *, threads: int | None) -> float:
     """Return by how many nats the photos are likelier with the best other mounting than with corrected recordings.
 
-    Parameters
-    ----------
-    score : Score
-        All measures of the photos.
-    found : sequence of Recording
-        The corrected recordings.
-    deviations : ndarray, shape (8,)
-        Standard deviations of the errors of the recordings as given.
-    threads : int or None
-        Threads that share the work; None means all processors.
+    `deviations` are the standard deviations of the errors of the recordings as given, shape (8,).
     """
     photos = score.photos
     own = photos[0].likelihood.recording.camera.imu_to_camera

@@ -34,20 +34,10 @@ EVEN_SCORE, SCORE_SCALE = 8.0, 12.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrected:
-    """Corrected recordings, and the score of the correction.
+    """Corrected recordings, and the score of the correction, nats.
 
-    Parameters
-    ----------
-    place : ndarray, shape (N, 8)
-        The correction; with factors, its drift holds where they are 1.
-    recordings : list of Recording
-        The corrected recordings.
-    gain, fall : float
-        See :class:`rsdeblur.estimate.Refinement`.
-    score : float
-        Score, nats.
-    factors : ndarray, shape (R, C), or None
-        Factors on the drift in equal regions of the upright picture.
+    With factors on the drift, in equal regions of the upright picture, shape (R, C), the drift of the place (N, 8)
+    holds where they are 1. `gain` and `fall` are those of :class:`rsdeblur.estimate.Refinement`.
     """
 
     place: FloatArray
@@ -66,14 +56,7 @@ class Corrected:
 class PhotoMeasures:
     """Light streaks and sharp pictures of one photo; what was measured of a row of a place is kept.
 
-    Parameters
-    ----------
-    light : ndarray, shape (H, W)
-        Linear light, of the picture as stored, or already reduced.
-    recording : Recording
-        Recording of the photo as given.
-    streaks : LightStreaks
-        Light streaks of the photo.
+    `light` is linear, shape (H, W), of the picture as stored, or already reduced; `recording` is the one given.
     """
 
     def __init__(self, light: NDArray[np.float32], recording: Recording, streaks: LightStreaks) -> None:
@@ -129,17 +112,7 @@ class _Photo(NamedTuple):
 
 
 class Score:
-    """Scores of corrections, in nats.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        What the spectra and the uncertainty of the recordings say.
-    measures : sequence of PhotoMeasures
-        Light streaks and sharp pictures of each photo.
-    threads : int or None
-        Threads that share several places; None means all processors.
-    """
+    """Scores of corrections, in nats, by the posterior and the measures of each photo; threads share several places."""
 
     def __init__(self, posterior: Posterior, measures: Sequence[PhotoMeasures], threads: int | None) -> None:
         self.posterior, self.nothing, self._threads = posterior, posterior.nothing, threads
@@ -155,16 +128,8 @@ class Score:
     ) -> Score:
         """Return the scores of corrections of the photos of one recording.
 
-        Parameters
-        ----------
-        lights : sequence of ndarray, shape (H, W)
-            Linear light of each photo as stored, or already reduced.
-        recordings : sequence of Recording
-            Recording of each photo as given.
-        deviations : ndarray, shape (8,)
-            Standard deviations of their errors.
-        threads : int or None
-            Threads that share the work; None means all processors.
+        The linear light of each photo, shape (H, W), is that of the picture as stored, or already reduced. `deviations`
+        are the standard deviations of the errors of the recordings as given, shape (8,).
         """
         pairs = list(zip(lights, recordings, strict=True))
 

@@ -66,15 +66,7 @@ DISAGREE = "the photos disagree"
 
 
 class Search:
-    """Search for the correction with the highest score.
-
-    Parameters
-    ----------
-    score : Score
-        Scores of corrections.
-    threads : int or None
-        Threads that share several places; None means all processors.
-    """
+    """Search for the correction with the highest score; threads share several places, None means all processors."""
 
     def __init__(self, score: Score, threads: int | None) -> None:
         self._score, self._threads = score, threads

@@ -72,12 +72,8 @@ class Moving(Protocol):
 class QuickSharpness:
     """How concentrated the gradient of the sharp picture is under several motions, with the same strength.
 
-    Parameters
-    ----------
-    light : ndarray, shape (H, W)
-        Linear light, of the picture as stored, or already reduced, but not below 640 px.
-    recording : Moving
-        Recording of the picture as given, from which the strength follows.
+    `light` is linear, shape (H, W), of the picture as stored, or already reduced, but not below 640 px. The strength
+    follows from `recording`, the one given.
     """
 
     def __init__(self, light: FloatImage, recording: Moving) -> None:
@@ -117,14 +113,7 @@ class QuickSharpness:
         """Return by how much that falls if the motion is turned by half a turn about the optical axis.
 
         The spectra of the blurred picture are the same then. Pictures of less than `LEAST_TURNED` px show too little to
-        tell: 0.
-
-        Parameters
-        ----------
-        recording : Moving
-            The motion.
-        own : float, optional
-            What :meth:`of` returns for it, if that is known.
+        tell: 0. `own` is what :meth:`of` returns for the motion, if that is known.
         """
         if min(recording.camera.width, recording.camera.height) < LEAST_TURNED:
             return 0.0
@@ -137,14 +126,8 @@ class QuickSharpness:
     ) -> list[float]:
         """Return the measure of :meth:`of` with motions that are other than a recording's.
 
-        Parameters
-        ----------
-        recording : Moving
-            The recording.
-        others : sequence of ndarray, shape (T, 2), or float
-            The other motions: a path that all pixels have, px of the upright picture, or a factor on the paths.
-        threads : int, optional
-            Threads that share the motions; None means all processors.
+        A motion is a path that all pixels have, px of the upright picture, shape (T, 2), or a factor on the paths.
+        Threads share them; None means all processors.
         """
         own = self._paths(recording, *self._tiles.centres)
 
@@ -167,12 +150,7 @@ class QuickSharpness:
 class WholeSharpness:
     """How concentrated the gradient of the sharp picture is under several motions, by the solve of the whole picture.
 
-    Parameters
-    ----------
-    light : ndarray, shape (H, W)
-        Linear light, of the picture as stored, or already reduced.
-    recording : Recording
-        Recording of the picture as given, from which the strength follows.
+    Arguments are those of :class:`QuickSharpness`.
     """
 
     def __init__(self, light: FloatImage, recording: Recording) -> None:
@@ -202,20 +180,10 @@ class WholeSharpness:
 
 
 class _RepeatingTiles:
-    """Tiles of a picture that repeat.
+    """Tiles of a picture (H, W) that repeat; `size` is that of the PSFs, `nsr` that of :class:`TileQuadratic`.
 
     Opposite ends of a tile fade into each other, whatever its PSF, so that a tile's spectrum serves for all motions.
-
-    Parameters
-    ----------
-    light : ndarray, shape (H, W), float32
-        Linear light.
-    size : (int, int)
-        Height and width of the PSFs.
-    nsr : float
-        See :class:`rsdeblur.deconv.TileQuadratic`.
-    softness : float
-        Standard deviation of a Gaussian under which the PSFs are taken, px.
+    The PSFs are taken under a Gaussian with the standard deviation `softness`, px.
     """
 
     def __init__(self, light: NDArray[np.float32], size: tuple[int, int], *, nsr: float, softness: float) -> None:
@@ -268,18 +236,10 @@ class _RepeatingTiles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RepeatingSolver:
-    """Solver of tiles that repeat; its latent picture is a column of all of them.
+    """Solver of N tiles that repeat; its latent picture is a column of all of them, each of `shape`.
 
-    Parameters
-    ----------
-    data : ndarray, shape (N, H, F), complex64
-        Right-hand sides of the normal equations without a prior.
-    power : ndarray, shape (N, H, F), float32
-        Their factors.
-    differences : ndarray, shape (H, F), float32
-        `|D|^2`.
-    shape : (int, int)
-        Height and width of a tile.
+    `data` are the right-hand sides of the normal equations without a prior, `power` their factors, both (N, H, F), and
+    `differences` is |D|^2, (H, F).
     """
 
     data: NDArray[np.complex64]

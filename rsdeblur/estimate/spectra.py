@@ -58,21 +58,10 @@ LEAST_SAMPLES, SAMPLES_PER_PIXEL = 65, 2
 class TileSpectra:
     """Power spectra of overlapping tiles of a blurred picture, and how likely they are under a camera's motion.
 
-    Parameters
-    ----------
-    light : ndarray, shape (H, W)
-        Linear light, of the picture as stored, or already reduced, but not below `side`.
-    recording : Recording
-        Recording of the picture. Corrected ones can be scored.
-    side : int
-        Longer side of the picture after reduction, px.
-    threads : int, optional
-        Threads that share the tiles of a fit; default all processors. 1 suits callers whose threads share motions.
-
-    Raises
-    ------
-    InputError
-        If the reduced picture is smaller than a tile.
+    `light` is linear, shape (H, W), of the picture as stored, or already reduced, but not below `side`, the longer side
+    of the picture after reduction, px; InputError if it is smaller than a tile then. Corrected recordings can be
+    scored, too. Threads share the tiles of a fit; 1 suits callers whose threads share motions. Methods raise the errors
+    of a log that does not describe the exposure.
     """
 
     def __init__(
@@ -107,26 +96,14 @@ class TileSpectra:
         return len(self._place)
 
     def expected(self, recording: Recording) -> NDArray[np.float32]:
-        """Return the power expected at the places of the PSFs, see :meth:`TilePeriodograms.expected`.
-
-        Raises
-        ------
-        CoverageError, ClockError, GapError
-            If the log does not describe the exposure.
-        """
+        """Return the power expected at the places of the PSFs, see :meth:`TilePeriodograms.expected`."""
         capture = recording.capture(self._scale)
         paths = BlurPaths.from_capture(capture, self._rows, self._cols, samples=self._samples)
         # So few PSFs are drawn sooner than threads start.
         return self._periodograms.expected(PsfBank.from_paths(paths, threads=1).kernels)
 
     def fit(self, recording: Recording) -> Fit:
-        """Return how likely every tile is under this motion.
-
-        Raises
-        ------
-        CoverageError, ClockError, GapError
-            If the log does not describe the exposure.
-        """
+        """Return how likely every tile is under this motion."""
         expected = self.expected(recording)
         return Fit(expected, *self._periodograms.fit(expected, self._place, threads=self._threads))
 
@@ -137,12 +114,7 @@ class TileSpectra:
     def information(self, fit: Fit, slopes: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
         """Return gradient and Fisher information of every tile, see :func:`rsdeblur.kernels.whittle.information`.
 
-        Parameters
-        ----------
-        fit : Fit
-            Result of :meth:`fit`.
-        slopes : ndarray, shape (Q, K, F)
-            Derivatives of the logarithm of its expected power.
+        `slopes` are derivatives of the logarithm of the fit's expected power, shape (Q, K, F).
         """
         measured = self._periodograms
         tiles = measured.tiles_under(fit.expected, self._place)
@@ -151,14 +123,9 @@ class TileSpectra:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Scene and noise fitted to the tiles under one motion.
+    """Scene and noise fitted to the tiles under one motion, see :func:`rsdeblur.kernels.whittle.fit_gains`.
 
-    Parameters
-    ----------
-    expected : ndarray, shape (K, F), float32
-        Expected power, see :meth:`TilePeriodograms.expected`.
-    nats, gains, levels : ndarray
-        See :func:`rsdeblur.kernels.whittle.fit_gains`.
+    `expected` is that of :meth:`TilePeriodograms.expected`, shape (K, F).
     """
 
     expected: NDArray[np.float32]
@@ -168,26 +135,14 @@ class Fit:
 
 
 class TilePeriodograms:
-    """Periodograms of tiles of a picture, and how likely they are under given PSFs.
+    """Periodograms of tiles of a picture in linear light, and how likely they are under given PSFs.
 
-    Parameters
-    ----------
-    grey : ndarray, shape (H, W)
-        Linear light.
-    tops, lefts : ndarray, shape (B,) and (S,)
-        First rows and first columns of the tiles.
-    softness : float, default 0.0
-        Standard deviation of a Gaussian that softens the scene, px.
-    white : bool, default True
-        Whether the noise is white. Otherwise its colour is measured, because denoising leaves more noise on coarse
-        scales: a bare wall would look like a scene that is blurred alike in all directions.
+    `tops` (B,) and `lefts` (S,) are the first rows and columns of the tiles; a Gaussian of `softness` px softens the
+    scene. Unless the noise is `white`, its colour is measured, because denoising leaves more noise on coarse scales: a
+    bare wall would look like a scene that is blurred alike in all directions.
 
-    Attributes
-    ----------
-    power, noise : ndarray, shape (B * S, F), float32
-        Power of both differences, and of the noise in it, at F frequencies sorted by direction.
-    sectors : ndarray, shape (DIRECTIONS + 1,)
-        First frequency of each direction, and F.
+    `power` of both differences and `noise` in it have the shape (B * S, F), at frequencies sorted by direction;
+    `sectors` has the first frequency of each direction, and F.
     """
 
     def __init__(
@@ -246,16 +201,8 @@ class TilePeriodograms:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return nats, gains and levels of the noise of all tiles, see :func:`rsdeblur.kernels.whittle.fit_gains`.
 
-        Parameters
-        ----------
-        expected : ndarray, shape (K, F)
-            Expected power at K places.
-        place : ndarray, shape (B * S,)
-            Index of each tile's place.
-        levels : ndarray, optional
-            Candidates for the noise, as multiples of its first estimate.
-        threads : int, optional
-            Threads that share the tiles; default all processors.
+        `expected` is the power at K places, `place` the index of each tile's, `levels` are the candidates for the
+        noise, as multiples of its first estimate.
         """
         return whittle.fit_gains(self.tiles_under(expected, place), levels, STIFFNESS, threads=threads)
 

@@ -53,16 +53,10 @@ Places = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Streak:
-    """A trail and what surrounds it.
+    """A trail with its centre in the upright picture, px, and what surrounds it, shape (N, N).
 
-    Parameters
-    ----------
-    row, col : int
-        Its centre in the upright picture, px.
-    values : ndarray, shape (N, N), float32
-        Light of thin things around the centre; 0 where others than the trail are.
-    seen : ndarray, shape (N, N), float32
-        0 where others are, and beyond the picture; 1 elsewhere.
+    `values` is the light of thin things, 0 where others than the trail are; `seen` is 0 where others are, and beyond
+    the picture; 1 elsewhere.
     """
 
     row: int
@@ -74,17 +68,8 @@ class Streak:
 class LightStreaks:
     """How well the trails of small bright things agree with motions.
 
-    Parameters
-    ----------
-    light : ndarray, shape (H, W)
-        Linear light, of the picture as stored, or already reduced.
-    recording : Recording
-        Recording of the picture as given.
-
-    Attributes
-    ----------
-    streaks : list of Streak
-        The trails; none if the PSFs are too small to have a shape.
+    `light` is linear, shape (H, W), of the picture as stored, or already reduced; `recording` is the one given. There
+    are no `streaks` if the PSFs are too small to have a shape.
     """
 
     def __init__(self, light: FloatImage, recording: Recording) -> None:
@@ -128,13 +113,7 @@ class LightStreaks:
         return float((MOST_NATS + np.logaddexp(-NATS_PER_LOSS * lost, -MOST_NATS)).sum())
 
     def correlations(self, recording: Recording) -> FloatArray:
-        """Return the largest correlation of each trail with the PSF there, over shifts and sizes of the thing.
-
-        Raises
-        ------
-        CoverageError, ClockError, GapError
-            If the log does not describe the exposure.
-        """
+        """Return the largest correlation of each trail with the PSF there, over shifts and sizes of the thing."""
         kernels = PsfBank.from_paths(self._paths(recording), threads=1).kernels
         trails = np.stack([_trails(kernels[place], self._side, self._centre) for place in self._places])
         least = LEAST_SEEN * np.square(trails).sum(axis=(2, 3), keepdims=True)[self._place]
@@ -157,15 +136,7 @@ def lead_of(nats: float, others: float) -> float:
 
 
 def find_streaks(light: FloatImage, diagonal: float) -> list[Streak]:
-    """Return the clearest trails in a picture.
-
-    Parameters
-    ----------
-    light : ndarray, shape (H, W)
-        Linear light.
-    diagonal : float
-        Diagonal of the box around the PSFs as recorded, px.
-    """
+    """Return the clearest trails in linear light (H, W); `diagonal` is that of the box around the recorded PSFs, px."""
     thin, half = thin_things(light), _half(diagonal)
     level = np.maximum(_usual(thin, max(1, round(AROUND * diagonal))), noise_level(light[..., None]))
     clear = np.maximum(CLEAR * level, LEAST_CONTRAST * light)

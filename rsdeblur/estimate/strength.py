@@ -166,12 +166,9 @@ class Tuning:
         return cls(octave_noise, energy, radius, border_error, spectra, path_error, light.shape[2])
 
     def noise_power(self, energy: float) -> float:
-        """Return the power of noise and of the model's errors, as white noise that matters as much for a scene.
+        """Return the power of noise and of errors of the model, as white noise that matters as much for a scene.
 
-        Parameters
-        ----------
-        energy : float
-            E of the sharp picture.
+        `energy` is E of the sharp picture.
         """
         return self._noise_alone + energy * self.path_error
 

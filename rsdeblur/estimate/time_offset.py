@@ -158,20 +158,10 @@ def find_time_offset(
 
 
 class _Answer(NamedTuple):
-    """An offset, together with other corrections.
+    """An offset together with other corrections: `place` (N, 8) of the recordings with the `candidate`.
 
-    Parameters
-    ----------
-    candidate : int
-        The candidate that is corrected.
-    score : Score
-        Scores of corrections of the recordings with this candidate.
-    place : ndarray, shape (N, 8)
-        The best correction of them.
-    total : float
-        Its score over the recordings from which the search begins, nats, by the smaller of both falls.
-    falls : ndarray, shape (N,)
-        Falls of the logarithms of l1 / l2 of the whole solves over these recordings.
+    `total` is its score over the recordings from which the search begins, nats, by the smaller of both falls; `falls`
+    are those of the whole solves over these recordings, shape (N,).
     """
 
     candidate: int
@@ -299,10 +289,7 @@ class _Clock:
 def _covered(recording: Recording, first: float, last: float) -> FloatArray:
     """Return the candidates that the log covers, s; steps are counted from `first`.
 
-    Raises
-    ------
-    InputError
-        If they span more than `MOST_SEARCH`.
+    InputError if they span more than `MOST_SEARCH`.
     """
     log, camera, exposure = recording.log, recording.camera, recording.exposure
     opens, closes = exposure.span(camera)
