@@ -31,8 +31,9 @@ TILES_AS_ONE = 0.5
 # Fewer tiles than these prove less.
 LEAST_TILES = 40
 
-# Step of numerical derivatives, longest steps of the descents, change at which they end: standard deviations.
-STEP, FIRST_TRUST, MOST_TRUST, SETTLED = 0.05, 0.7, 1.5, 0.03
+# Step of numerical derivatives, longest step of the descents at first and at last, and change at which they end:
+# standard deviations.
+STEP, TRUST, SETTLED = 0.05, (0.7, 1.5), 0.03
 # Gain at which descents end, nats, and the most steps.
 LEAST_STEP_GAIN, STEPS = 0.02, 6
 # Fits and recordings that are kept: more than threads that descend at a time.
@@ -127,10 +128,6 @@ class Posterior:
             [[n == 0 or name not in SHARED for name in PARAMETERS] for n in range(len(self.photos))]
         )
 
-    def alone(self, n: int) -> Posterior:
-        """Return the posterior given one of the photos alone."""
-        return Posterior([self.photos[n]], self._deviations)
-
     def recordings(self, place: FloatArray) -> list[Recording]:
         """Return the recordings with a correction."""
         return [photo.corrected(row) for photo, row in self._rows(place)]
@@ -208,7 +205,7 @@ class Posterior:
         Steps are damped and of bounded length.
         """
         directions = self.directions(free)
-        damping, trust = 0.01, FIRST_TRUST
+        damping, trust = 0.01, TRUST[0]
         for _ in range(steps):
             gradients, matrix = self._information(place, directions)
             at = np.array([place[direction > 0][0] for direction in directions])
@@ -222,7 +219,7 @@ class Posterior:
                 damping, trust = (damping / 4, trust * 1.3) if gained > 0 else (max(6 * damping, 0.05), trust / 2)
             if not gained > 0:
                 break
-            place, damping, trust = moved, max(damping, 1e-3), min(trust, MOST_TRUST)
+            place, damping, trust = moved, max(damping, 1e-3), min(trust, TRUST[1])
             if np.abs(step).max() < SETTLED or gained < LEAST_STEP_GAIN:
                 break
         return place

@@ -26,9 +26,9 @@ from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
 from rsdeblur.deconv.priors import DerivativePrior, brightness
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.periodograms import wrapped
+from rsdeblur.estimate.periodograms import TILE, wrapped
 from rsdeblur.estimate.posterior import UNDESCRIBED
-from rsdeblur.estimate.spectra import softness
+from rsdeblur.estimate.spectra import LONGEST_BLUR, softness
 from rsdeblur.estimate.strength import PATH_ERROR, Tuning
 from rsdeblur.image.frame import upright
 from rsdeblur.motion.camera import Camera
@@ -36,17 +36,15 @@ from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.types import ComplexArray, FloatArray, FloatImage
 
-# Longer side of the picture that is made sharp and least shorter side, px.
-SIDE, LEAST_SIDE = 640, 64
-# Tiles of the whole solve; the border that is not compared, px, and the parts along both axes that are.
-WHOLE_TILES, FRAME, PARTS = (8, 4), 16, (6, 4)
+# Longer side of the picture that is made sharp, px.
+SIDE = 640
+# Tiles along both axes that are compared, and the length over which their opposite ends fade into each other: in PSF
+# sizes, and at most as a share of the picture.
+TILES, FADE, MOST_FADE = (6, 4), 5.0, 0.3
+# Tiles of the whole solve, and the border that is not compared, px.
+WHOLE_TILES, FRAME = (8, 4), 16
 # Gradients below this count as zero.
 FAINTEST = 1e-9
-# The picture is reduced until the mean blur is no longer than this, px.
-LONGEST_BLUR = 20.0
-# Tiles along both axes, and the length over which their opposite ends fade into each other: in PSF sizes, and at most
-# as a share of the picture.
-TILES, FADE, MOST_FADE = (6, 4), 5.0, 0.3
 # Penalties of the steps of total variation, which do not extrapolate: more steps distinguish motions no better.
 PENALTIES = (5.0, 14.0)
 # Shorter side, px, from which pictures tell a motion from half a turn of it. With right motions, the measure reached
@@ -292,9 +290,9 @@ def assumed(light: FloatImage, bank: PsfBank) -> Tuning:
 
 
 def scale_of(camera: Camera, most: float = 1.0) -> float:
-    """Return the factor by which pictures of a camera are reduced, at most `most` unless they become too narrow."""
+    """Return the factor by which pictures of a camera are reduced: at most `most`, but not narrower than a tile."""
     longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
-    return min(1.0, max(min(SIDE / longer, most), LEAST_SIDE / shorter))
+    return min(1.0, max(min(SIDE / longer, most), TILE / shorter))
 
 
 def concentrations(tiles: FloatImage) -> FloatArray:
@@ -314,7 +312,7 @@ def contrast_shares(tiles: FloatImage) -> FloatArray:
 def _parts(picture: FloatImage) -> FloatImage:
     """Return equal parts of a picture within the frame, shape (N, h, w)."""
     inside = picture[FRAME:-FRAME, FRAME:-FRAME]
-    (down, tall), (across, wide) = ((n, side // n) for n, side in zip(PARTS, inside.shape, strict=True))
+    (down, tall), (across, wide) = ((n, side // n) for n, side in zip(TILES, inside.shape, strict=True))
     grid = inside[: down * tall, : across * wide].reshape(down, tall, across, wide)
     return grid.swapaxes(1, 2).reshape(-1, tall, wide)
 

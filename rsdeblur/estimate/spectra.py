@@ -9,45 +9,22 @@ from numpy.typing import NDArray
 
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.periodograms import (
-    DIRECTION,
-    DIRECTIONS,
-    GRADIENT,
-    NOISE_FROM,
-    NOISE_TO,
-    RADIUS,
-    TILE,
-    noise_between,
-    periodograms,
-    power_of,
-)
+from rsdeblur.estimate.periodograms import STIFFNESS, TILE, TilePeriodograms
 from rsdeblur.image.frame import upright
 from rsdeblur.kernels import whittle
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
 
-# Frequencies that are compared, cycles/px. Below them the window smears; above them there are only the corners of the
-# spectrum.
-LOWEST, HIGHEST = 1.5 / TILE, 0.5
-# Bounds of the rings in which phones leave noise of different power, cycles/px: half octaves. Of all tiles, this share
-# has no more than the noise there.
-RINGS = 2.0 ** np.arange(-4.5, -1.0, 0.5)
-QUIET = 0.1
-# Candidates for the noise, as multiples of its first estimate.
-LEVELS = np.array([0.3, 1.0])
-# Weight, in nats, of squared differences between the logarithms of a scene's power in different directions, which
-# differs in natural scenes, but not by any factor.
-STIFFNESS = 20.0
-
 # Softness of photos that no motion explains, from lens, demosaicing and denoising: standard deviation, px of the
 # picture as stored.
 SOFTNESS = 0.7
 
-# Reduction of the picture for its spectra. The finest detail is left out, because cameras denoise and sharpen it; the
-# blur is at most so long, px; and the longer side is within these bounds, px.
-LEAST_REDUCTION, LONGEST_BLUR = 2.4, 20.0
-SPECTRA_SIDES = 320, 480
+# Mean length of the blur to which pictures are reduced, px.
+LONGEST_BLUR = 20.0
+# Reduction of the picture for its spectra, which leaves out the finest detail, because cameras denoise and sharpen it;
+# and bounds of the longer side, px.
+LEAST_REDUCTION, SPECTRA_SIDES = 2.4, (320, 480)
 
 # Places across the picture at which PSFs are drawn; between them they change little.
 COLUMNS = 4
@@ -65,12 +42,7 @@ class TileSpectra:
     """
 
     def __init__(
-        self,
-        light: NDArray[np.float32],
-        recording: Recording,
-        *,
-        side: int,
-        threads: int | None = None,
+        self, light: NDArray[np.float32], recording: Recording, *, side: int, threads: int | None = None
     ) -> None:
         camera, self._threads = recording.camera, threads
         self._scale = min(1.0, side / max(camera.width, camera.height))
@@ -132,83 +104,6 @@ class Fit:
     nats: FloatArray
     gains: FloatArray
     levels: FloatArray
-
-
-class TilePeriodograms:
-    """Periodograms of tiles of a picture in linear light, and how likely they are under given PSFs.
-
-    `tops` (B,) and `lefts` (S,) are the first rows and columns of the tiles; a Gaussian of `softness` px softens the
-    scene. Unless the noise is `white`, its colour is measured, because denoising leaves more noise on coarse scales: a
-    bare wall would look like a scene that is blurred alike in all directions.
-
-    `power` of both differences and `noise` in it have the shape (B * S, F), at frequencies sorted by direction;
-    `sectors` has the first frequency of each direction, and F.
-    """
-
-    def __init__(
-        self,
-        grey: NDArray[np.float32],
-        tops: NDArray[np.intp],
-        lefts: NDArray[np.intp],
-        *,
-        softness: float = 0.0,
-        white: bool = True,
-    ) -> None:
-        used = np.flatnonzero((RADIUS > LOWEST) & (RADIUS < HIGHEST))
-        self._used = used[np.argsort(DIRECTION.flat[used], kind="stable")]
-        self.sectors = np.searchsorted(DIRECTION.flat[self._used], np.arange(DIRECTIONS + 1))
-        tiles = np.lib.stride_tricks.sliding_window_view(grey, (TILE, TILE))[np.ix_(tops, lefts)]
-        power = periodograms(tiles)
-        noise = noise_between(power, NOISE_FROM, NOISE_TO).reshape(-1, 1)
-        self.power = np.ascontiguousarray(power.reshape(len(noise), -1)[:, self._used])
-        self.noise = (noise * GRADIENT.flat[self._used]).astype(np.float32)
-        if not white:
-            self.noise *= self._colour()
-        scene = GRADIENT / np.maximum(RADIUS, LOWEST) ** 2 * np.exp(-np.square(2 * np.pi * softness * RADIUS))
-        self._scene = scene.astype(np.float32).flat[self._used]
-
-    def _colour(self) -> NDArray[np.float32]:
-        """Return the power of the noise at all frequencies, as multiples of white noise.
-
-        In each ring, the direction with the least power contains the least of the scene, and quiet tiles contain
-        hardly anything else.
-        """
-        relative = self.power / self.noise
-        ring, direction = np.digitize(RADIUS, RINGS).flat[self._used], DIRECTION.flat[self._used]
-        multiples = np.ones(len(RINGS) + 2)
-        for n in range(len(RINGS), -1, -1):
-            cells = [relative[:, (ring == n) & (direction == k)] for k in range(DIRECTIONS)]
-            means = [cell.mean(axis=1) for cell in cells if cell.shape[1] > 1]
-            quiet = float(np.quantile(np.min(means, axis=0), QUIET)) if means else 0.0
-            multiples[n] = max(quiet, multiples[n + 1])
-        return multiples[ring].astype(np.float32)
-
-    def expected(self, kernels: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the power of the scene under `kernels` (B, S, kh, kw), up to a gain, shape (B * S, F)."""
-        power = power_of(kernels)
-        # A PSF can make a frequency vanish, but nothing is certain.
-        expected: NDArray[np.float32] = np.maximum(power.reshape(-1, power[0, 0].size)[:, self._used], 1e-9)
-        expected *= self._scene
-        return expected
-
-    def fit(
-        self,
-        expected: NDArray[np.float32],
-        place: NDArray[np.intp],
-        *,
-        levels: FloatArray = LEVELS,
-        threads: int | None = None,
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return nats, gains and levels of the noise of all tiles, see :func:`rsdeblur.kernels.whittle.fit_gains`.
-
-        `expected` is the power at K places, `place` the index of each tile's, `levels` are the candidates for the
-        noise, as multiples of its first estimate.
-        """
-        return whittle.fit_gains(self.tiles_under(expected, place), levels, STIFFNESS, threads=threads)
-
-    def tiles_under(self, expected: NDArray[np.float32], place: NDArray[np.intp]) -> whittle.Tiles:
-        """Return the tiles with the power expected at K places and the index of each tile's place; see `fit`."""
-        return whittle.Tiles(self.power, self.noise, expected, place, self.sectors)
 
 
 def softness(scale: float) -> float:

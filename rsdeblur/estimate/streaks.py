@@ -17,34 +17,33 @@ from scipy import fft, ndimage
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.posterior import UNDESCRIBED
-from rsdeblur.estimate.sharpness import LONGEST_BLUR, TILES
+from rsdeblur.estimate.sharpness import TILES
+from rsdeblur.estimate.spectra import LONGEST_BLUR, SOFTNESS
 from rsdeblur.image.frame import upright
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.types import ComplexArray, FloatArray, FloatImage
 
-# PSFs whose diagonal is shorter have no shape, px.
-LEAST_EXTENT = 8.0
-# Thickest trail, px, and the smoothing, px, before trails are separated from what is thicker, against noise and jagged
-# edges.
-THICKEST, SMOOTHING = 7, 0.7
+# Thickest trail, px; PSFs whose diagonal is no longer have no shape.
+THICKEST = 7
 # A trail is brighter than what it lies on by this many times the noise, and times the level that this share of the
 # values within some diagonals of PSFs does not exceed, and by this share of the light there.
 CLEAR, AROUND, UNUSUAL, LEAST_CONTRAST = 5.0, 1.5, 0.9, 0.1
 # It ends at this share of its peak, or at so many times that level.
 END, ABOVE = 0.25, 2.0
-# Its diagonal, as shares of that of the PSFs as recorded, and a margin, px. Longer things are lines of the scene.
-SHORTEST, LONGEST, MARGIN = 0.5, 1.6, 4.0
+# Bounds of its diagonal, as shares of that of the PSFs as recorded, and a margin, px. Longer things are lines of the
+# scene.
+LENGTHS, MARGIN = (0.5, 1.6), 4.0
 # Number of trails that are compared: the clearest. Distance from it at which other things are hidden, px.
 MOST_STREAKS, BESIDE = 16, 2
 # Sizes of the bright thing, including the softness of the photo: standard deviations of a Gaussian, px.
 SIZES = 0.7, 1.5
-# Farthest shift of the PSF, as a share of its diagonal, and the least share of its power that is not hidden.
-SHIFT, LEAST_SEEN = 0.5, 0.8
+# Least share of the PSF's power that is not hidden.
+LEAST_SEEN = 0.8
 # Nats that a loss of the squared correlation costs: as of four independent values, to which noise, processing and the
-# shape of the thing add errors of 5 % of the power. Smaller correlations than the least one are no agreement.
-NATS_PER_LOSS, LEAST_CORRELATION = 40.0, 0.7
-MOST_NATS = NATS_PER_LOSS * (1 - LEAST_CORRELATION**2)
+# shape of the thing add errors of 5 % of the power. A correlation below 0.7 is no agreement, so a trail proves at most
+# as much as a perfect one does over that.
+NATS_PER_LOSS, MOST_NATS = 40.0, 20.4
 # Nats that all trails together prove at most, as five perfect ones: several may belong to one thing.
 MOST_TOGETHER = 5 * MOST_NATS
 
@@ -79,8 +78,9 @@ class LightStreaks:
         self._rows, self._cols = (tile_centres(count, side) for count, side in zip(TILES, light.shape, strict=True))
         extent = np.ptp(self._paths(recording).displacements, axis=2).max(axis=(0, 1))
         diagonal = float(np.hypot(*extent))
-        self.streaks = find_streaks(light, diagonal) if diagonal >= LEAST_EXTENT else []
-        self._reach = int(SHIFT * diagonal + MARGIN)
+        self.streaks = find_streaks(light, diagonal) if diagonal > THICKEST else []
+        # A trail may show a part of the PSF, which may be any.
+        self._reach = int((1 - LENGTHS[0]) * diagonal + MARGIN)
         self._centre = _half(diagonal)
         self._side = fft.next_fast_len(2 * self._centre + 1 + self._reach, real=True)
         nearest = [
@@ -157,8 +157,11 @@ def find_streaks(light: FloatImage, diagonal: float) -> list[Streak]:
     return [_cut(thin, floor, inside, rows, cols, half) for _, rows, cols in found[:MOST_STREAKS]]
 
 
-def thin_things(light: FloatImage, smoothing: float = SMOOTHING) -> FloatImage:
-    """Return the light of things that are thinner than `THICKEST` px, without that of what they lie on."""
+def thin_things(light: FloatImage, smoothing: float = SOFTNESS) -> FloatImage:
+    """Return the light of things that are thinner than `THICKEST` px, without that of what they lie on.
+
+    It is smoothed first, against noise and jagged edges, by a Gaussian with this standard deviation, px.
+    """
     smooth = ndimage.gaussian_filter(light, smoothing, mode="nearest")
     thin: FloatImage = smooth - ndimage.grey_opening(smooth, size=(THICKEST, THICKEST), mode="nearest")
     return thin
@@ -195,7 +198,7 @@ def _fits(rows: Places, cols: Places, diagonal: float) -> bool:
     length = float(np.hypot(np.ptp(rows) + 1, np.ptp(cols) + 1))
     is_whole = max(np.abs(rows).max(), np.abs(cols).max()) < _half(diagonal)
     is_thin = len(rows) <= THICKEST * length
-    return bool(is_whole and is_thin and SHORTEST * diagonal <= length <= LONGEST * diagonal + MARGIN)
+    return bool(is_whole and is_thin and LENGTHS[0] * diagonal <= length <= LENGTHS[1] * diagonal + MARGIN)
 
 
 def _cut(
@@ -221,7 +224,7 @@ def _trails(kernel: NDArray[np.float32], side: int, centre: int) -> NDArray[np.f
     if max(cut.shape) > side:
         return trails
     for trail, size in zip(trails, SIZES, strict=True):
-        trail[: cut.shape[0], : cut.shape[1]] = thin_things(cut, float(np.hypot(size, SMOOTHING)))
+        trail[: cut.shape[0], : cut.shape[1]] = thin_things(cut, float(np.hypot(size, SOFTNESS)))
     return np.roll(trails, [centre - n // 2 for n in cut.shape], axis=(1, 2))
 
 
