@@ -12,8 +12,7 @@ from rsdeblur._util.threads import share, share_map, thread_count
 from rsdeblur.burst.fit import FrameFit
 from rsdeblur.burst.frames import FIT_TILES, BurstFrame, reduced_bank
 from rsdeblur.choices import Auto
-from rsdeblur.estimate.blur_spectra import BlurSpectra
-from rsdeblur.estimate.strength import PATH_ERROR, Tuning
+from rsdeblur.estimate.strength import PATH_ERROR, BlurSpectra, Tuning
 from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.motion.alignment import Alignment
 from rsdeblur.motion.paths import Capture

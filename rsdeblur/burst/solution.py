@@ -19,7 +19,7 @@ from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.chroma import Solve
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.deconv.wiener import TileBlur
-from rsdeblur.estimate.blur_spectra import KERNELS, BlurSpectra
+from rsdeblur.estimate.strength import KERNELS, BlurSpectra
 from rsdeblur.image.undershoot import UndershootMeter
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.pipeline.memory import LONGEST, least_memory

@@ -175,7 +175,7 @@ class _Photos:
 
     def _posterior(self, camera: Camera) -> Posterior:
         recordings = [replace(recording, camera=camera) for recording in self._recordings]
-        return self._score(camera).under(recordings, self._deviations).posterior
+        return self._score(camera).under(recordings).posterior
 
     def _fit(self, camera: Camera, free: Sequence[str] = SHARED) -> _Fit:
         """Fit corrections of a camera."""
@@ -186,7 +186,7 @@ class _Photos:
 
     def _clear(self, recordings: Sequence[Recording]) -> FloatArray:
         photos = self._score(recordings[0].camera).photos
-        return np.array([photo.measures.quick.of(each) for photo, each in zip(photos, recordings, strict=True)])
+        return np.array([photo.quick.of(each) for photo, each in zip(photos, recordings, strict=True)])
 
     def _ranked(self, cameras: Sequence[Camera]) -> list[Camera]:
         """Return the cameras under which the logs describe the exposures, the likeliest by the spectra first."""

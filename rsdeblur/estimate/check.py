@@ -8,6 +8,7 @@ second is light below black: a wrong inverse leaves waves, which in dark places 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,33 +18,46 @@ from rsdeblur.estimate.motion_evidence import SIZES, MotionEvidence
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.undershoot import UndershootMeter
 
-# Bounds of "doubtful" and "bad": lead of the motion over the best alternative, nats per tile, and light below black as
-# a share of the picture's contrast. docs/developer/reliability.md says how they were chosen and how often they are
-# right.
-DOUBTFUL_LEAD, BAD_LEAD = -1.5, -7.25
-DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.17
-# By how much log l1 / l2 must be smaller with the motion than with alternatives of the same name, so that these do not
-# count as doubtful. Smaller motions leave fewer waves, larger ones more.
-CLEARER = {"straight": 0.01} | {f"{size:g} times": 0.02 for size in SIZES}
-# Fall of the logarithm of l1 / l2 of the gradient under the motion turned by half a turn.
-DOUBTFUL_TURN, BAD_TURN = 0.01, 0.05
+
+class Bounds(NamedTuple):
+    """Values from which a figure is doubtful, and bad; and one beyond which the motion is right in any case."""
+
+    doubtful: float
+    bad: float
+    clear: float = np.nan
+
+
+class Alternative(NamedTuple):
+    """What is said where an alternative explains the picture better, and when that does not count."""
+
+    hint: str
+    is_harmless: bool = False
+    """Whether it does not make a result bad."""
+    refuted: float | None = None
+    """How much smaller log l1 / l2 must be with the motion, so that the alternative is not even doubtful."""
+
+
+# Lead of the motion over the best alternative, nats per tile; light below black as a share of the picture's contrast;
+# and the fall of log l1 / l2 of the gradient under the motion turned by half a turn. Where the motion is clearly right,
+# twice the ringing is allowed, because hard edges on black ring in any case. docs/developer/reliability.md says how
+# they were chosen and how often they are right (`python -m benchmarks.verdict`).
+LEAD = Bounds(-1.5, -7.25, clear=2.0)
+RINGING = Bounds(0.045, 0.17)
+TURN = Bounds(0.01, 0.05, clear=-0.03)
 # Residual from which hardly anything of the picture is left in the result; 1 is that of an even result.
 LOST = 0.9
-# Lead over every alternative, nats per tile, and fall under half a turn from which twice the ringing is allowed: such
-# motion is right, and hard edges on black ring in any case.
-CLEAR_LEAD, CLEAR_TURN = 2.0, -0.03
 
-# Alternatives that do not make a result bad. If the motion is too small, too little blur is removed, which does little
-# harm. And the edges of man-made things look like a straight blur.
-HARMLESS = (*(f"{size:g} times" for size in SIZES if size > 1), "straight")
-
-HINTS = {
-    "still": "no blur at all.",
-    "mirrored": "the motion mirrored: is one of the gyroscope's axes reversed?",
-    "exchanged": "the motion with x and y exchanged: are the gyroscope's axes right?",
-    "straight": "a straight blur: is it another moment's motion, or does the scene move?",
+# If the motion is too small, too little blur is removed, which does little harm. And the edges of man-made things look
+# like a straight blur. Smaller motions leave fewer waves, larger ones more.
+ALTERNATIVES = {
+    "still": Alternative("no blur at all."),
+    "mirrored": Alternative("the motion mirrored: is one of the gyroscope's axes reversed?"),
+    "exchanged": Alternative("the motion with x and y exchanged: are the gyroscope's axes right?"),
+    "straight": Alternative("a straight blur: is it another moment's motion, or does the scene move?", True, 0.01),
 } | {
-    f"{size:g} times": f"{size:g} times the motion: are the focal length and the unit of the rates right?"
+    f"{size:g} times": Alternative(
+        f"{size:g} times the motion: are the focal length and the unit of the rates right?", size > 1, 0.02
+    )
     for size in SIZES
 }
 
@@ -104,25 +118,7 @@ def assess(
     resampled: bool,
     threads: int | None = None,
 ) -> QualityCheck:
-    """Check a result.
-
-    Parameters
-    ----------
-    evidence : MotionEvidence
-        What the blurred picture says of the motion that was undone.
-    result : EncodedImage
-        The sharp picture, readout along y.
-    meter : UndershootMeter
-        Measurements of both pictures.
-    resampled : bool
-        Whether the result was straightened.
-    threads : int, optional
-        Threads that share the work; default all processors.
-
-    Returns
-    -------
-    QualityCheck
-    """
+    """Check a result, a sharp picture with its readout along y; `resampled` says whether it was straightened."""
     ringing, ringings = meter.ringing()
     check = QualityCheck("cannot tell", (), None, None, ringing, None, None, None, (), ringings)
     if evidence.tiles is None:
@@ -130,8 +126,8 @@ def assess(
     gain, residual = evidence.tiles.compare(result, resampled=resampled, threads=threads)
     scores = evidence.scores
     means = {name: float(score.mean()) for name, score in scores.items()}
-    harmful = {name: mean for name, mean in means.items() if name not in HARMLESS}
-    compared = harmful if min(harmful.values()) < BAD_LEAD else _not_refuted(evidence, means, threads)
+    harmful = {name: mean for name, mean in means.items() if not ALTERNATIVES[name].is_harmless}
+    compared = harmful if min(harmful.values()) < LEAD.bad else _not_refuted(evidence, means, threads)
     alternative = min(compared, key=compared.__getitem__)
     check = replace(
         check,
@@ -150,9 +146,10 @@ def _not_refuted(evidence: MotionEvidence, means: dict[str, float], threads: int
 
     Straight edges look like a straight blur, or like a smaller motion along them.
     """
-    better = [name for name, mean in means.items() if mean < DOUBTFUL_LEAD and name in CLEARER]
+    least = {name: each.refuted for name, each in ALTERNATIVES.items() if each.refuted is not None}
+    better = [name for name, mean in means.items() if mean < LEAD.doubtful and name in least]
     clearer = evidence.clearer(better, threads)
-    refuted = {name for name, more in zip(better, clearer, strict=True) if more > CLEARER[name]}
+    refuted = {name for name, more in zip(better, clearer, strict=True) if more > least[name]}
     return {name: mean for name, mean in means.items() if name not in refuted}
 
 
@@ -160,20 +157,22 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
     """Return `check` with the verdict and the reasons that follow from its figures."""
     lead = np.inf if check.lead is None else check.lead
     turn = -np.inf if check.half_turn is None else check.half_turn
-    clear = (CLEAR_LEAD < lead < np.inf and turn <= DOUBTFUL_TURN) or -np.inf < turn < CLEAR_TURN
+    clear = (LEAD.clear < lead < np.inf and turn <= TURN.doubtful) or -np.inf < turn < TURN.clear
     ringing = check.ringing / (2.0 if clear else 1.0)
     # Ringing is NaN in a result that is not finite.
-    bad = (lead < BAD_LEAD and check.alternative not in HARMLESS) or not ringing <= BAD_RINGING or turn > BAD_TURN
+    other = None if check.alternative is None else ALTERNATIVES[check.alternative]
+    refuted = lead < LEAD.bad and not (other and other.is_harmless)
+    bad = refuted or not ringing <= RINGING.bad or turn > TURN.bad
     unfit = f"The motion {'does' if bad else 'may'} not fit."
     sentences = list(reasons)
-    if lead < DOUBTFUL_LEAD and check.alternative is not None:
-        sentences.append(f"{unfit} The picture is explained better by {HINTS[check.alternative]}")
-    if turn > DOUBTFUL_TURN:
+    if lead < LEAD.doubtful and other:
+        sentences.append(f"{unfit} The picture is explained better by {other.hint}")
+    if turn > TURN.doubtful:
         sentences.append(
             f"{unfit} The picture becomes sharper with the motion turned by half a turn: is it upside down, or are two "
             "of the gyroscope's axes reversed?"
         )
-    if ringing > DOUBTFUL_RINGING:
+    if ringing > RINGING.doubtful:
         sentences.append(f"The result rings: light below black is {check.ringing:.1%} of the picture's contrast.")
     if check.residual is not None and check.residual > LOST:
         sentences.append("The result has lost the picture's detail: are nsr and weight too large?")

@@ -135,19 +135,9 @@ class Uncertainty:
             raise InputError("uncertainty is 0 in all its parts, so that there is nothing to refine")
 
     def deviations(self, camera: Camera, exposure: Exposure) -> FloatArray:
-        """Return the standard deviations of the parameters of a :class:`Correction`.
+        """Return the standard deviations of the parameters of a :class:`Correction`, in its order and units.
 
-        Parameters
-        ----------
-        camera : Camera
-            Camera of the picture as stored. Without a readout, its readout time is known.
-        exposure : Exposure
-            The exposure. If it is too short to show accelerations, there are none.
-
-        Returns
-        -------
-        ndarray, shape (8,)
-            In the order and the units of :class:`Correction`.
+        Without a readout, the readout time is known. An exposure that is too short to show accelerations has none.
         """
         longer = max(camera.width, camera.height)
         drift, acceleration = self.drift * longer, self.acceleration * longer
@@ -163,10 +153,7 @@ class Uncertainty:
 def uncertainty_of(given: Uncertainty | None, free: str | Collection[str] | None, default: Uncertainty) -> Uncertainty:
     """Return what a caller gives as `uncertainty` and `free`: `default`, if nothing, with 0 for what is not free.
 
-    Raises
-    ------
-    InputError
-        If `given` is no uncertainty, `free` has other names than the fields, or nothing is left to refine.
+    InputError if it is no uncertainty, `free` has other names than the fields, or nothing is left to refine.
     """
     uncertainty = default if given is None else validate.instance("uncertainty", given, Uncertainty)
     if free is None:
@@ -179,13 +166,7 @@ def uncertainty_of(given: Uncertainty | None, free: str | Collection[str] | None
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """One exposure as recorded: log, camera, time, and translation if it is known.
-
-    Parameters
-    ----------
-    log, camera, exposure, translation
-        See :func:`rsdeblur.deblur`.
-    """
+    """One exposure as recorded: log, camera, time, and translation if it is known; see :func:`rsdeblur.deblur`."""
 
     log: GyroLog
     camera: Camera

@@ -17,9 +17,8 @@ from scipy.fft import irfft2, rfft2
 
 from rsdeblur._util.threads import share, share_map
 from rsdeblur.estimate.noise import noise_level
-from rsdeblur.estimate.periodograms import TILE
+from rsdeblur.estimate.periodograms import DIRECTIONS, TILE, TilePeriodograms
 from rsdeblur.estimate.sharpness import SIDE, QuickSharpness
-from rsdeblur.estimate.spectra import TilePeriodograms
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.motion.camera import Camera
@@ -40,33 +39,20 @@ LEAST_DETAIL = 2.0
 CELL = TILE + 1
 # Mean length of the paths, px, below which a blur cannot be distinguished from the softness of a lens.
 SHORT = 3.0
-# Alternatives: the motion's size, and lengths (px) and directions of straight blurs.
+# Alternatives: the motion's size, and lengths of straight blurs, px, in every other direction of the spectra.
 SIZES = (0.5, 0.7, 1.4, 2.0)
-LINES, DIRECTIONS = (3.0, 7.0, 15.0), 4
-# Half the size of their kernels.
-LONGEST = int(max(LINES) // 2) + 1
-# Candidates for the power of the scene, as multiples of its mean, which strong edges dominate. For that of the noise
-# there is only its estimate: if less noise were possible, short blurs would explain noise as detail.
-LEVELS = np.ones(1)
+LINES = 3.0, 7.0, 15.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionEvidence:
     """What a blurred picture says of its motion.
 
-    Parameters
-    ----------
-    tiles : CheckTiles or None
-        Tiles of the picture; None where they say nothing.
-    unknown : str
-        Sentence that says why they do not; empty where they do.
-    scores : dict
-        Lead of the motion over each alternative, nats, as means of the rows of tiles, shape (B,).
-    half_turn : float or None
-        See :class:`rsdeblur.estimate.QualityCheck`.
-    clearer : callable
-        Takes names of straight blurs and other sizes, and a number of threads, and returns how much clearer the sharp
-        picture is with the motion than with each, as differences of the logarithm of l1 / l2 of the gradient.
+    `tiles` is None where they say nothing, and the sentence `unknown` says why. `scores` has the lead of the motion
+    over each alternative, nats, as means of the rows of tiles, shape (B,). `half_turn` is that of
+    :class:`rsdeblur.estimate.QualityCheck`. `clearer` takes names of straight blurs and other sizes, and a number of
+    threads, and returns how much clearer the sharp picture is with the motion than with each: differences of the
+    logarithm of l1 / l2 of the gradient.
     """
 
     tiles: CheckTiles | None = None
@@ -77,17 +63,7 @@ class MotionEvidence:
 
     @classmethod
     def of(cls, encoded: EncodedImage, capture: Capture, *, threads: int | None = None) -> MotionEvidence:
-        """Measure a picture.
-
-        Parameters
-        ----------
-        encoded : EncodedImage
-            The blurred picture, readout along y.
-        capture : Capture
-            The motion.
-        threads : int, optional
-            Threads that share the work; default all processors.
-        """
+        """Measure a blurred picture that has its readout along y, under its motion."""
         length = capture.mean_length
         height, width, _ = encoded.shape
         if length < SHORT:
@@ -162,7 +138,7 @@ class CheckTiles:
         def fit(kernels: NDArray[np.float32]) -> FloatArray:
             expected = measured.expected(kernels)
             place = np.broadcast_to(np.arange(len(expected)).reshape(kernels.shape[:2]), shape).ravel()
-            return measured.fit(expected, place, levels=LEVELS)[0].reshape(shape)
+            return measured.fit(expected, place)[0].reshape(shape)
 
         of_motion = fit(self._kernels)
 
@@ -176,8 +152,8 @@ class CheckTiles:
         turned = np.swapaxes(self._kernels, 2, 3)
         still = np.ones((1, 1, 1, 1), dtype=np.float32)
         sized = {size: replace(self._paths, displacements=size * self._paths.displacements) for size in SIZES}
-        lines = _lines()
-        line, straight = best(kernel[None, None] for kernel in rasterize(lines, LONGEST, LONGEST, 1))
+        lines, half = _lines(), int(max(LINES) // 2) + 1
+        line, straight = best(kernel[None, None] for kernel in rasterize(lines, half, half, 1))
         scores = {
             "mirrored": lead(self._kernels[:, :, ::-1]),
             "exchanged": best((turned, turned[:, :, ::-1]))[1],
@@ -256,5 +232,5 @@ def _mosaic(cells: NDArray[np.float32]) -> NDArray[np.float32]:
 def _lines() -> FloatArray:
     """Return straight blurs as paths, shape (N, T, 2)."""
     along = np.linspace(-0.5, 0.5, 129)[:, None]
-    angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    angles = np.pi * np.arange(0, DIRECTIONS, 2) / DIRECTIONS
     return np.stack([length * along * (np.cos(angle), np.sin(angle)) for length in LINES for angle in angles])

@@ -31,8 +31,9 @@ TILES_AS_ONE = 0.5
 # Fewer tiles than these prove less.
 LEAST_TILES = 40
 
-# Step of numerical derivatives, longest steps of the descents, change at which they end: standard deviations.
-STEP, FIRST_TRUST, MOST_TRUST, SETTLED = 0.05, 0.7, 1.5, 0.03
+# Step of numerical derivatives, longest step of the descents at first and at last, and change at which they end:
+# standard deviations.
+STEP, TRUST, SETTLED = 0.05, (0.7, 1.5), 0.03
 # Gain at which descents end, nats, and the most steps.
 LEAST_STEP_GAIN, STEPS = 0.02, 6
 # Fits and recordings that are kept: more than threads that descend at a time.
@@ -44,14 +45,7 @@ STEEPEST = 8.0
 class PhotoLikelihood:
     """Likelihood of corrections of one photo by its spectra; corrections are rows of a place.
 
-    Parameters
-    ----------
-    spectra : TileSpectra
-        Spectra of the photo.
-    recording : Recording
-        Recording of the photo as given.
-    deviations : ndarray, shape (8,)
-        Standard deviations of the errors of the recording, in the units of :class:`Correction`.
+    `recording` is the one given, `deviations` are those of its errors, shape (8,), in the units of :class:`Correction`.
     """
 
     def __init__(self, spectra: TileSpectra, recording: Recording, deviations: FloatArray) -> None:
@@ -120,14 +114,8 @@ class PhotoLikelihood:
 class Posterior:
     """How likely corrections are, given the photos' spectra and how uncertain the recording is.
 
-    Parameters
-    ----------
-    photos : sequence of PhotoLikelihood
-        The photos, with the same deviations.
-    deviations : ndarray, shape (8,)
-        Standard deviations of the errors of the recordings, in the units of :class:`Correction`; 0 for what is known.
-    threads : int or None, default 1
-        Threads that share the photos; None means all processors.
+    All photos have the same `deviations`, shape (8,), of the errors of their recordings, in the units of
+    :class:`Correction`; 0 for what is known. Threads share the photos; None means all processors.
     """
 
     def __init__(self, photos: Sequence[PhotoLikelihood], deviations: FloatArray, *, threads: int | None = 1) -> None:
@@ -139,10 +127,6 @@ class Posterior:
         self._counted = np.array(
             [[n == 0 or name not in SHARED for name in PARAMETERS] for n in range(len(self.photos))]
         )
-
-    def alone(self, n: int) -> Posterior:
-        """Return the posterior given one of the photos alone."""
-        return Posterior([self.photos[n]], self._deviations)
 
     def recordings(self, place: FloatArray) -> list[Recording]:
         """Return the recordings with a correction."""
@@ -221,7 +205,7 @@ class Posterior:
         Steps are damped and of bounded length.
         """
         directions = self.directions(free)
-        damping, trust = 0.01, FIRST_TRUST
+        damping, trust = 0.01, TRUST[0]
         for _ in range(steps):
             gradients, matrix = self._information(place, directions)
             at = np.array([place[direction > 0][0] for direction in directions])
@@ -235,7 +219,7 @@ class Posterior:
                 damping, trust = (damping / 4, trust * 1.3) if gained > 0 else (max(6 * damping, 0.05), trust / 2)
             if not gained > 0:
                 break
-            place, damping, trust = moved, max(damping, 1e-3), min(trust, MOST_TRUST)
+            place, damping, trust = moved, max(damping, 1e-3), min(trust, TRUST[1])
             if np.abs(step).max() < SETTLED or gained < LEAST_STEP_GAIN:
                 break
         return place
@@ -261,14 +245,9 @@ def damped(information: FloatArray, damping: float) -> FloatArray:
 
 
 def costs_of(tiles: FloatArray) -> FloatArray:
-    """Return how much less likely each of several motions is than the likeliest one of each tile, nats.
+    """Return how much less likely each motion is than the likeliest one of each tile, nats; no tile decides alone.
 
-    No tile decides alone.
-
-    Parameters
-    ----------
-    tiles : ndarray, shape (M, tiles)
-        Nats of the tiles of a photo under each motion.
+    `tiles` has the nats of the tiles of a photo under each motion, shape (M, tiles).
     """
     costs: FloatArray = np.minimum(tiles - tiles.min(axis=0), MOST_NATS).mean(axis=1) / TILES_AS_ONE
     return costs

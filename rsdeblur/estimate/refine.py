@@ -22,7 +22,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import Correction, Recording, Uncertainty, uncertainty_of
 from rsdeblur.estimate.periodograms import TILE
 from rsdeblur.estimate.regions import LEAST_GAIN, DriftByRegion
-from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
+from rsdeblur.estimate.rival_axes import AHEAD_OF_AXES, OTHER_AXES, rival_lead
 from rsdeblur.estimate.score import Corrected, Score
 from rsdeblur.estimate.search import Search
 from rsdeblur.image.encoded import EncodedImage, check_size, reduced
@@ -37,9 +37,8 @@ from rsdeblur.types import FloatArray, Progress
 # Longer side to which larger pictures are reduced first, px: the smoothing that smaller sizes need would take long.
 SIDE = 1600
 
-# Nats by which a correction must be likelier than the best one with other axes.
-AHEAD_OF_AXES = 3.0
-# The same for a correction by region where one drift is not ahead: factors bring nats that other axes do not have.
+# Nats by which a correction by region must be ahead of other axes where one drift is not: factors bring nats that those
+# do not have.
 AHEAD_BY_FACTORS = AHEAD_OF_AXES + LEAST_GAIN
 # Exposures that are shorter, s, show no shake; the drifts of the search would have speeds that no hand has, and PSFs of
 # the rows between them that fill the memory.
@@ -217,69 +216,56 @@ def refine(
     if reason:
         refinements = [_unrefined(recording, deviations, reason) for recording in recordings]
     else:
-        joint = _Joint(lights, recordings, deviations, threads)
-        refinements = joint.refinements(known_axes=known_axes, progress=progress or (lambda *_: None))
+        score = Score.of_photos(lights, recordings, deviations, threads)
+        refinements = _refinements(score, known_axes=known_axes, progress=progress or (lambda *_: None))
     return refinements[0] if isinstance(exposure, Exposure) else refinements
 
 
-class _Joint:
-    """Correction of the photos of one recording."""
-
-    def __init__(
-        self,
-        lights: Sequence[NDArray[np.float32]],
-        recordings: Sequence[Recording],
-        deviations: FloatArray,
-        threads: int | None,
-    ) -> None:
-        self._recordings, self._deviations, self._threads = recordings, deviations, threads
-        self._score = Score.of_photos(lights, recordings, deviations, threads)
-
-    def refinements(self, *, known_axes: bool, progress: Progress) -> list[Refinement]:
-        """Return the most likely correction, accepted or not, for each photo."""
-        found, reason = self._found(known_axes=known_axes, progress=progress)
-        spread = self._score.posterior.spread(found.place)
-        refinements = []
-        for n, given in enumerate(self._recordings):
-            used = given if reason else found.recordings[n]
-            refinements.append(
-                Refinement(
-                    used.log,
-                    used.camera,
-                    used.exposure,
-                    used.translation,
-                    accepted=not reason,
-                    reason=reason,
-                    values=Correction(*(found.place[n] * self._deviations).tolist()),
-                    sd=Correction(*(spread[n] * self._deviations).tolist()),
-                    confidence=0.0 if reason == OTHER_AXES else found.confidence,
-                    gain=found.gain,
-                    fall=found.fall,
-                    regions=None if found.factors is None else ReadoutFrame(given.camera).back(found.factors),
-                )
+def _refinements(score: Score, *, known_axes: bool, progress: Progress) -> list[Refinement]:
+    """Return the most likely correction, accepted or not, for each photo."""
+    found, reason = _found(score, known_axes=known_axes, progress=progress)
+    spread = score.posterior.spread(found.place)
+    refinements = []
+    for n, photo in enumerate(score.photos):
+        given = photo.likelihood.recording
+        used = given if reason else found.recordings[n]
+        refinements.append(
+            Refinement(
+                used.log,
+                used.camera,
+                used.exposure,
+                used.translation,
+                accepted=not reason,
+                reason=reason,
+                values=Correction(*(found.place[n] * score.deviations).tolist()),
+                sd=Correction(*(spread[n] * score.deviations).tolist()),
+                confidence=0.0 if reason == OTHER_AXES else found.confidence,
+                gain=found.gain,
+                fall=found.fall,
+                regions=None if found.factors is None else ReadoutFrame(given.camera).back(found.factors),
             )
-        return refinements
+        )
+    return refinements
 
-    def _found(self, *, known_axes: bool, progress: Progress) -> tuple[Corrected, str]:
-        """Return the most likely correction, and why it is refused (empty if it is not)."""
-        score, threads = self._score, self._threads
-        search = Search(score, threads)
-        best, reason = search.best(progress)
-        found = score.corrected(best)
 
-        def rivalled(recordings: Sequence[Recording], ahead: float) -> bool:
-            # With wrong axes, a correction may make the motion more like the right one, but never right.
-            return rival_lead(score, recordings, self._deviations, threads=threads) > -ahead
+def _found(score: Score, *, known_axes: bool, progress: Progress) -> tuple[Corrected, str]:
+    """Return the most likely correction, and why it is refused (empty if it is not)."""
+    search = Search(score)
+    best, reason = search.best(progress)
+    found = score.corrected(best)
 
-        ahead = AHEAD_OF_AXES
-        if not (reason or known_axes) and rivalled(found.recordings, ahead):
-            reason, ahead = OTHER_AXES, AHEAD_BY_FACTORS
-        if len(self._recordings) == 1 and self._recordings[0].translation is None:
-            by_region = DriftByRegion(score, self._deviations, threads)
-            regional = by_region.best([best, *search.candidates], over=None if reason else best)
-            if regional is not None and (known_axes or not (reason and rivalled(regional.recordings, ahead))):
-                found, reason = regional, ""
-        return found, reason
+    def rivalled(recordings: Sequence[Recording], ahead: float) -> bool:
+        # With wrong axes, a correction may make the motion more like the right one, but never right.
+        return rival_lead(score, recordings) > -ahead
+
+    ahead = AHEAD_OF_AXES
+    if not (reason or known_axes) and rivalled(found.recordings, ahead):
+        reason, ahead = OTHER_AXES, AHEAD_BY_FACTORS
+    if len(score.photos) == 1 and score.photos[0].likelihood.recording.translation is None:
+        regional = DriftByRegion(score).best([best, *search.candidates], over=None if reason else best)
+        if regional is not None and (known_axes or not (reason and rivalled(regional.recordings, ahead))):
+            found, reason = regional, ""
+    return found, reason
 
 
 def _without_acceleration(uncertainty: Uncertainty) -> Uncertainty:
@@ -299,13 +285,7 @@ def _unrefined(recording: Recording, deviations: FloatArray, reason: str) -> Ref
 
 
 def exposures_of(exposure: Exposure | Sequence[Exposure]) -> list[Exposure]:
-    """Return the exposure of each photo.
-
-    Raises
-    ------
-    InputError
-        If there is none, or one is no :class:`rsdeblur.Exposure`.
-    """
+    """Return the exposure of each photo; InputError if there is none, or one is no :class:`rsdeblur.Exposure`."""
     exposures = [exposure] if isinstance(exposure, Exposure) else exposure_list(exposure, "exposure")
     if not exposures:
         raise InputError("exposure must be an Exposure, or a sequence with one for each image, got none")
@@ -320,10 +300,7 @@ def grey_lights(
 ) -> list[NDArray[np.float32]]:
     """Return the mean linear light of the channels of each photo, reduced to `SIDE` px.
 
-    Raises
-    ------
-    InputError
-        If one is not a picture, not of the camera's size, or there are not as many as exposures.
+    InputError if one is not a picture, not of the camera's size, or there are not as many as exposures.
     """
     single = isinstance(exposure, Exposure)
     images = [image] if single else validate.items("image", cast("Iterable[ArrayLike]", image))

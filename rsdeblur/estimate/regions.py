@@ -18,15 +18,8 @@ from numpy.typing import NDArray
 from rsdeblur._util.threads import share_map
 from rsdeblur.deconv.tiling import hat_weights
 from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, Correction, Recording
-from rsdeblur.estimate.score import Corrected, Score
-from rsdeblur.estimate.search import (
-    ADJUSTED,
-    LEAST_ADJUSTED,
-    LEAST_FALL,
-    MOST_DEVIATIONS,
-    QUICK_STEPS,
-    adjusted,
-)
+from rsdeblur.estimate.score import EVIDENCE, PROOFS, Corrected, Score
+from rsdeblur.estimate.search import ADJUSTMENTS, MOST_DEVIATIONS, adjusted
 from rsdeblur.estimate.sharpness import NATS_PER_FALL
 from rsdeblur.estimate.streaks import lead_of
 from rsdeblur.image.frame import ReadoutFrame
@@ -37,66 +30,35 @@ from rsdeblur.types import FloatArray
 # Factors that are tried, and those with which corrections are compared first.
 FACTORS = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0])
 FEW_FACTORS = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 3.0])
-# Corrections that differ less than this, standard deviations, are one.
-APART = 0.3
-# Nats that two neighbours cost for the square of their difference, and the largest square that counts: depth has edges.
-NATS_PER_SQUARE, MOST_SQUARE = 1.0, 4.0
-# Most changes of all regions in turn; they settle after a few.
-MOST_SWEEPS = 20
+# Two neighbours cost the square of their difference, nats, at most so many: depth has edges.
+MOST_SQUARE = 4.0
 # Points of the map of depths from one region to the next, and the least factor there: depths are finite.
 STEPS, LEAST_FACTOR = 2, 0.02
-# Least gain by the factors (nats), with the few ones and with all, and how much more than one drift they must score.
-LEAST_OF_FEW, LEAST_GAIN, MORE_SCORE = 10.0, 20.0, 5.0
-# Least score (nats) where no correction by one drift is accepted. Of 220 right recordings, two score 34 and 50.
-LEAST_ALONE = 70.0
+# Least gain by the factors (nats), and how much more than one drift they must score.
+LEAST_GAIN, MORE_SCORE = 20.0, 5.0
 
 
 class DriftByRegion:
-    """Search for a correction with a drift for each region.
+    """Search for a correction with a drift for each region of one photo, whose recording has no translation."""
 
-    Parameters
-    ----------
-    score : Score
-        Scores of corrections of one photo, whose recording has no translation.
-    deviations : ndarray, shape (8,)
-        Standard deviations of its errors.
-    threads : int or None
-        Threads that share the work; None means all processors.
-    """
-
-    def __init__(
-        self,
-        score: Score,
-        deviations: FloatArray,
-        threads: int | None,
-    ) -> None:
+    def __init__(self, score: Score) -> None:
         (photo,) = score.photos
-        self._score, self._likelihood, self._measures = score, photo.likelihood, photo.measures
-        self._deviations, self._threads = deviations, threads
-        self._centres = photo.measures.quick.centres
+        self._score, self._photo, self._likelihood = score, photo, photo.likelihood
+        self._centres = photo.quick.centres
         self._region = _nearest(photo.likelihood.spectra.centres, self._centres)
 
     def best(self, places: Sequence[FloatArray], over: FloatArray | None) -> Corrected | None:
-        """Return the best of several corrections, adjusted, with its factors.
+        """Return the best of several corrections, adjusted, with its factors; None where one factor does as well.
 
-        Parameters
-        ----------
-        places : sequence of ndarray, shape (1, 8)
-            Corrections.
-        over : ndarray, shape (1, 8), or None
-            The best credible correction by one drift, which it must exceed; None if there is none.
-
-        Returns
-        -------
-        Corrected or None
-            None where one factor explains the picture as well.
+        `places` have the shape (1, 8). The result must exceed `over`, the best credible correction by one drift, if
+        there is one.
         """
         score = self._score
         best, most = None, -np.inf if over is None else score.of(over) - score.cost(over)
         for place in self._different(places):
             factors, gain = self._factors(place, FEW_FACTORS)
             total = score.of(place) - score.cost(place) + gain
-            if gain >= LEAST_OF_FEW and total > most:
+            if gain >= EVIDENCE and total > most:
                 best, most = (place, factors), total
         if best is None:
             return None
@@ -107,63 +69,62 @@ class DriftByRegion:
     def _is_credible(self, found: Corrected, over: FloatArray | None) -> bool:
         """Return whether a correction is clearly better than `over` by the whole solve, which no search has misled."""
         score = self._score
-        given, whole = score.nothing[0], self._measures.whole_sparsity
-        fall = whole(self._likelihood, given) - self._measures.whole.of(found.recordings[0])
+        fall = self._photo.whole_sparsity(score.nothing[0]) - self._photo.whole.of(found.recordings[0])
         if over is None:
-            return found.score >= LEAST_ALONE and fall >= LEAST_FALL
+            return found.score >= PROOFS["regions"].score and fall >= PROOFS["regions"].fall
         least = float(score.whole_falls([over]).sum())
         gained = found.gain - score.cost(found.place) - score.gain(over) + score.cost(over)
         return fall >= least and gained + NATS_PER_FALL * (fall - least) >= MORE_SCORE
 
     def _different(self, places: Sequence[FloatArray]) -> list[FloatArray]:
-        """Return the credible corrections with a drift, without those that are nearly the same."""
-        drift = [name in DRIFT for name in PARAMETERS]
+        """Return the credible corrections with a drift, without those that differ less than the last step."""
+        drift, least = [name in DRIFT for name in PARAMETERS], ADJUSTMENTS["quick"].steps[-1]
         different: list[FloatArray] = []
         for place in places:
-            credible = np.abs(place).max() <= MOST_DEVIATIONS and self._score.of(place) >= LEAST_ADJUSTED
-            if place[:, drift].any() and credible and all(np.abs(place - one).max() >= APART for one in different):
+            credible = np.abs(place).max() <= MOST_DEVIATIONS and self._score.of(place) >= EVIDENCE
+            if place[:, drift].any() and credible and all(np.abs(place - one).max() >= least for one in different):
                 different.append(place)
         return different
 
     def _adjusted(self, place: FloatArray, factors: FloatArray) -> tuple[Corrected, float]:
         """Return a correction and its factors, adjusted in turn, and the nats gained by the factors."""
-        axes = [step for step in self._score.posterior.directions(ADJUSTED) if place[step > 0].any()]
+        axes = [step for step in self._score.posterior.directions(ADJUSTMENTS["quick"].names) if place[step > 0].any()]
         gain = 0.0
-        for step in QUICK_STEPS:
+        for step in ADJUSTMENTS["quick"].steps:
             place = adjusted(place, partial(self._scores, factors), axes, lambda *_: None, steps=(step,))
             factors, gain = self._factors(place, FACTORS)
         return self.corrected(factors, place), gain
 
     def _scores(self, factors: FloatArray, places: Sequence[FloatArray]) -> list[float]:
         """Return the score of each of several corrections with the same factors."""
-        return share_map(lambda place: self.corrected(factors, place).score, places, self._threads)
+        return share_map(lambda place: self.corrected(factors, place).score, places, self._score.threads)
 
     def corrected(self, factors: FloatArray, place: FloatArray) -> Corrected:
         """Return a correction with factors on its drift, and its score."""
-        score, likelihood, measures = self._score, self._likelihood, self._measures
+        score, photo, likelihood = self._score, self._photo, self._likelihood
         recording = with_factors(likelihood.recording, self._correction(place), factors, self._centres)
         given = likelihood.nats(score.nothing[0])
         assert given is not None, "the log describes the exposure"
         leads = likelihood.leads(likelihood.spectra.score(recording), given)
-        led = lead_of(measures.streaks.nats(recording), measures.streak_nats(likelihood, score.nothing[0]))
+        led = lead_of(photo.streaks.nats(recording), photo.streak_nats(score.nothing[0]))
         gain = float(leads.sum() - score.posterior.prior(place)) + led
-        fall = measures.sparsity(likelihood, score.nothing[0]) - measures.quick.of(recording)
+        fall = photo.sparsity(score.nothing[0]) - photo.quick.of(recording)
         total = score.together(gain, fall, [recording])
         return Corrected(place, [recording], gain=gain, fall=fall, score=total, factors=factors)
 
     def _correction(self, place: FloatArray) -> Correction:
-        return Correction(*(place[0] * self._deviations).tolist())
+        return Correction(*(place[0] * self._score.deviations).tolist())
 
     def _factors(self, place: FloatArray, factors: FloatArray) -> tuple[FloatArray, float]:
         """Return the best of some factors in each region, shape (R, C), and the nats gained over a factor of 1."""
         correction, likelihood = self._correction(place), self._likelihood
         # With a factor of 1, it is the correction itself.
-        own, tiles = likelihood.nats(place[0]), self._measures.tiles(likelihood, place[0])
+        own, tiles = likelihood.nats(place[0]), self._photo.tiles(place[0])
         assert own is not None, "the log describes the exposure"
         others = np.flatnonzero(factors != 1)
         moved = [likelihood.recording.corrected(_scaled(correction, factor)) for factor in factors[others].tolist()]
-        nats = share_map(likelihood.spectra.score, moved, self._threads)
-        falls = NATS_PER_FALL * (np.stack(share_map(self._measures.quick.tiles, moved, self._threads)) - tiles)
+        nats = share_map(likelihood.spectra.score, moved, self._score.threads)
+        falls = NATS_PER_FALL * (np.stack(share_map(self._photo.quick.tiles, moved, self._score.threads)) - tiles)
         costs = np.zeros((len(factors), len(tiles)))
         for n, fall, each in zip(others.tolist(), falls, nats, strict=True):
             costs[n] = fall - np.bincount(self._region, likelihood.leads(each, own), len(fall))
@@ -174,16 +135,10 @@ class DriftByRegion:
 def with_factors(
     recording: Recording, correction: Correction, factors: FloatArray, centres: tuple[FloatArray, FloatArray]
 ) -> Recording:
-    """Return the corrected recording with factors on its drift.
+    """Return the corrected recording with factors on its drift in regions of the upright picture, shape (R, C).
 
-    Parameters
-    ----------
-    recording, correction
-        The recording as given, without a translation, and its correction.
-    factors : ndarray, shape (R, C)
-        Factors in regions of the upright picture.
-    centres : (ndarray, ndarray)
-        Centres of their rows and columns, as shares of the picture's height and width.
+    The recording has no translation. `centres` are those of the rows and columns of regions, as shares of the picture's
+    height and width.
     """
     rest = recording.corrected(_scaled(correction, 0.0))
     down, across = (hat_weights(at * STEPS * len(at), STEPS * len(at) + 1) for at in centres)
@@ -209,12 +164,10 @@ def _nearest(places: tuple[FloatArray, FloatArray], centres: tuple[FloatArray, F
 def _alike(costs: FloatArray, factors: FloatArray) -> tuple[NDArray[np.intp], float]:
     """Return the labels (R, C) whose costs (L, R, C), with those of differences between neighbours, are least.
 
-    Labels are indices of `factors`.
-
-    Regions of either colour of a chequerboard change in turn, from several starts.
+    Labels are indices of `factors`. Regions of either colour of a chequerboard change in turn, from several starts.
     """
     count, rows, cols = costs.shape
-    apart = NATS_PER_SQUARE * np.minimum(np.square(np.subtract.outer(factors, factors)), MOST_SQUARE)
+    apart = np.minimum(np.square(np.subtract.outer(factors, factors)), MOST_SQUARE)
     even = np.add.outer(np.arange(rows), np.arange(cols)) % 2 == 0
 
     def of_neighbours(labels: NDArray[np.intp]) -> FloatArray:
@@ -226,7 +179,8 @@ def _alike(costs: FloatArray, factors: FloatArray) -> tuple[NDArray[np.intp], fl
         return total
 
     def settled(labels: NDArray[np.intp]) -> NDArray[np.intp]:
-        for _ in range(MOST_SWEEPS):
+        # They settle after a few changes of all.
+        for _ in range(costs.size):
             before = labels
             for colour in (even, ~even):
                 best: NDArray[np.intp] = (costs + of_neighbours(labels)).argmin(axis=0)

@@ -5,84 +5,68 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from rsdeblur._util.threads import share_map
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior
-from rsdeblur.estimate.score import Score
+from rsdeblur.estimate.score import HOPELESS, NATS_PER_NUMBER, PROOFS, Score
+from rsdeblur.estimate.search import WIDEST
 from rsdeblur.estimate.sharpness import NATS_PER_FALL, SHORTER
 from rsdeblur.estimate.streaks import lead_of
 from rsdeblur.motion.axes import rotations
 from rsdeblur.types import FloatArray
 
 OTHER_AXES = "other axes of the gyro explain the picture as well: are imu_to_camera and the readout direction right?"
-# Most that the corrected recording may be clearer than other axes by shorter paths, as a fall of log l1 / l2.
-MOST_OF_SHORTER = 0.01
+# Nats by which a correction must be likelier than the best one with other axes: those of a number.
+AHEAD_OF_AXES = NATS_PER_NUMBER
 # Clock offsets with which all mountings are compared by the spectra, standard deviations. The likeliest mountings are
-# fitted, with these parameters free, and compared by the sharp picture: there, and at those offsets that are no less
-# likely than this, nats, because the fit knows the spectra alone.
-OFFSETS, FITTED, FREE, LEAST_COMPARED = (-3.0, -1.5, 0.0, 1.5, 3.0), 4, ("scale", "offset"), -20.0
+# fitted, with these parameters free, and compared by the sharp picture: there, and at those offsets that are not
+# hopeless, because the fit knows the spectra alone.
+OFFSETS = (-WIDEST, -WIDEST / 2, 0.0, WIDEST / 2, WIDEST)
+FREE = ("scale", "offset")
+# Likeliest mountings, or clock offsets, that are fitted.
+FITTED = 4
 
 
-class Rival(NamedTuple):
-    """Another mounting: how likely its corrections are, and its leads at the places of all offsets."""
-
-    posterior: Posterior
-    leads: list[float]
-
-
-def rival_lead(score: Score, found: Sequence[Recording], deviations: FloatArray, *, threads: int | None) -> float:
-    """Return by how many nats the photos are likelier with the best other mounting than with corrected recordings.
-
-    Parameters
-    ----------
-    score : Score
-        All measures of the photos.
-    found : sequence of Recording
-        The corrected recordings.
-    deviations : ndarray, shape (8,)
-        Standard deviations of the errors of the recordings as given.
-    threads : int or None
-        Threads that share the work; None means all processors.
-    """
+def rival_lead(score: Score, found: Sequence[Recording]) -> float:
+    """Return by how many nats the photos are likelier with the best other mounting than with corrected recordings."""
     photos = score.photos
     own = photos[0].likelihood.recording.camera.imu_to_camera
     nats = [photo.likelihood.spectra.score(each) for photo, each in zip(photos, found, strict=True)]
-    clear = [photo.measures.quick.of(each) for photo, each in zip(photos, found, strict=True)]
+    clear = [photo.quick.of(each) for photo, each in zip(photos, found, strict=True)]
     lengths = [each.capture().mean_length for each in found]
-    traced = [photo.measures.streaks.nats(each) for photo, each in zip(photos, found, strict=True)]
+    traced = [photo.streaks.nats(each) for photo, each in zip(photos, found, strict=True)]
     steps = score.posterior.directions(["offset"])
     places = [score.nothing + offset * steps[0] for offset in OFFSETS] if steps else [score.nothing]
     free = [name for name in FREE if name in score.posterior.free]
 
-    def tried(turn: FloatArray) -> Rival:
+    def tried(turn: FloatArray) -> tuple[Posterior, list[float]]:
+        """Return how likely corrections of another mounting are, and its leads at the places of all offsets."""
         turned = []
-        for likelihood, _ in photos:
-            camera = replace(likelihood.recording.camera, imu_to_camera=turn @ own)
-            recording = replace(likelihood.recording, camera=camera)
-            turned.append(PhotoLikelihood(likelihood.spectra, recording, deviations))
-        posterior = Posterior(turned, deviations)
-        return Rival(posterior, [posterior.lead(place, nats) for place in places])
+        for photo in photos:
+            recording = photo.likelihood.recording
+            other = replace(recording, camera=replace(recording.camera, imu_to_camera=turn @ own))
+            turned.append(PhotoLikelihood(photo.likelihood.spectra, other, score.deviations))
+        posterior = Posterior(turned, score.deviations)
+        return posterior, [posterior.lead(place, nats) for place in places]
 
     def by_pictures(n: int, other: Recording) -> float:
         """Return by how much a photo is likelier with another recording by its streaks and its sharp picture."""
-        measures = photos[n].measures
-        fall = clear[n] - measures.quick.of(other)
-        # With shorter paths, the corrected recording may be clearer because it removes less blur.
+        fall = clear[n] - photos[n].quick.of(other)
+        # With shorter paths, the corrected recording may be clearer because it removes less blur: that counts little.
         if lengths[n] < SHORTER * other.capture().mean_length:
-            fall = max(fall, -MOST_OF_SHORTER)
-        return lead_of(measures.streaks.nats(other), traced[n]) + NATS_PER_FALL * fall
+            fall = max(fall, -PROOFS["usual"].fall)
+        return lead_of(photos[n].streaks.nats(other), traced[n]) + NATS_PER_FALL * fall
 
     def evidence(posterior: Posterior, place: FloatArray) -> float:
         others = enumerate(posterior.recordings(place))
         return posterior.lead(place, nats) + sum(by_pictures(n, other) for n, other in others)
 
-    def whole_lead(rival: Rival) -> float:
+    def whole_lead(rival: tuple[Posterior, list[float]]) -> float:
         posterior, leads = rival
-        compared = [place for place, lead in zip(places, leads, strict=True) if lead >= LEAST_COMPARED]
+        compared = [place for place, lead in zip(places, leads, strict=True) if lead >= HOPELESS]
         if free:
             with suppress(*UNDESCRIBED):
                 compared.append(posterior.descend(places[int(np.argmax(leads))], free))
@@ -90,5 +74,5 @@ def rival_lead(score: Score, found: Sequence[Recording], deviations: FloatArray,
 
     # Left-handed axes have the spectra of right-handed ones.
     turns = [turn for turn in rotations() if not np.array_equal(turn, np.eye(3))]
-    rivals = sorted(share_map(tried, turns, threads), key=lambda rival: -max(rival.leads))
-    return max(share_map(whole_lead, rivals[:FITTED], threads))
+    rivals = sorted(share_map(tried, turns, score.threads), key=lambda rival: -max(rival[1]))
+    return max(share_map(whole_lead, rivals[:FITTED], score.threads))

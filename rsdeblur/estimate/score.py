@@ -5,12 +5,12 @@ Corrections are places of a :class:`rsdeblur.estimate.posterior.Posterior`; scor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import starmap
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,31 +23,42 @@ from rsdeblur.estimate.spectra import TileSpectra, spectra_side
 from rsdeblur.estimate.streaks import LightStreaks, lead_of
 from rsdeblur.types import FloatArray
 
-# Nats that a number of a correction costs, and the least gain that counts.
-NATS_PER_NUMBER, WORST_GAIN = 3.0, -1000.0
-# Gain (nats) without which the fall does not count where the paths become shorter.
-LEAST_OF_SHORTER = 10.0
+# Nats that a number of a correction costs.
+NATS_PER_NUMBER = 3.0
+# Nats that count as evidence. With less, a correction is not adjusted, neither an acceleration nor factors by region
+# nor light streaks are followed, and the fall does not count where the paths become shorter.
+EVIDENCE = 10.0
+# Nats of the spectra below which a correction is not compared by the sharp picture.
+HOPELESS = -20.0
 # Score (nats) of corrections of which half bring the motion nearer to the truth, and by how much more the odds grow
 # e-fold: a fit to simulated recordings (docs/developer/decisions.md).
 EVEN_SCORE, SCORE_SCALE = 8.0, 12.0
 
 
+class Proof(NamedTuple):
+    """Least score of a correction, nats, and least fall of the logarithm of l1 / l2 in the whole solve."""
+
+    score: float
+    fall: float
+
+
+# What a correction needs to be accepted: usually; where the smaller of both falls counts; of the readout time alone,
+# because little else looks like that; and with factors by region, where no correction by one drift is accepted. Right
+# recordings score up to 32 with little fall; of 220, two score 34 and 50 with factors (`python -m benchmarks.refine`).
+PROOFS = {
+    "usual": Proof(30.0, 0.01),
+    "smaller": Proof(36.0, 0.004),
+    "readout": Proof(15.0, 0.005),
+    "regions": Proof(70.0, 0.01),
+}
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrected:
-    """Corrected recordings, and the score of the correction.
+    """Corrected recordings, and the score of the correction, nats.
 
-    Parameters
-    ----------
-    place : ndarray, shape (N, 8)
-        The correction; with factors, its drift holds where they are 1.
-    recordings : list of Recording
-        The corrected recordings.
-    gain, fall : float
-        See :class:`rsdeblur.estimate.Refinement`.
-    score : float
-        Score, nats.
-    factors : ndarray, shape (R, C), or None
-        Factors on the drift in equal regions of the upright picture.
+    With factors on the drift, in equal regions of the upright picture, shape (R, C), the drift of the place (N, 8)
+    holds where they are 1. `gain` and `fall` are those of :class:`rsdeblur.estimate.Refinement`.
     """
 
     place: FloatArray
@@ -63,30 +74,23 @@ class Corrected:
         return 1.0 / (1.0 + float(np.exp((EVEN_SCORE - self.score) / SCORE_SCALE))) if self.place.any() else 0.0
 
 
-class PhotoMeasures:
-    """Light streaks and sharp pictures of one photo; what was measured of a row of a place is kept.
+class Photo:
+    """Measures of one photo: the likelihood of corrections by its spectra, its light streaks and its sharp pictures.
 
-    Parameters
-    ----------
-    light : ndarray, shape (H, W)
-        Linear light, of the picture as stored, or already reduced.
-    recording : Recording
-        Recording of the photo as given.
-    streaks : LightStreaks
-        Light streaks of the photo.
+    `light` is linear, shape (H, W), of the picture as stored, or already reduced. What was measured of a row of a place
+    is kept.
     """
 
-    def __init__(self, light: NDArray[np.float32], recording: Recording, streaks: LightStreaks) -> None:
-        self._light, self._recording, self.streaks = light, recording, streaks
-        self.quick = QuickSharpness(light, recording)
-        self._streak_nats: dict[bytes, float] = {}
-        self._tiles: dict[bytes, FloatArray] = {}
-        self._whole_sparsities: dict[bytes, float] = {}
+    def __init__(self, light: NDArray[np.float32], likelihood: PhotoLikelihood, streaks: LightStreaks) -> None:
+        self._light, self._recording = light, likelihood.recording
+        self.likelihood, self.streaks = likelihood, streaks
+        self.quick = QuickSharpness(light, self._recording)
+        self._kept: dict[tuple[str, bytes], Any] = {}
 
-    def renewed(self) -> PhotoMeasures:
-        """Return the same measures for another recording, of which nothing is known yet."""
+    def under(self, recording: Recording, deviations: FloatArray) -> Photo:
+        """Return the same measures for corrections of another recording."""
         other = copy(self)
-        other._streak_nats, other._tiles, other._whole_sparsities = {}, {}, {}
+        other.likelihood, other._kept = PhotoLikelihood(self.likelihood.spectra, recording, deviations), {}
         return other
 
     @cached_property
@@ -94,56 +98,46 @@ class PhotoMeasures:
         """The measure of whole solves, which most photos do not need."""
         return WholeSharpness(self._light, self._recording)
 
-    def streak_nats(self, likelihood: PhotoLikelihood, row: FloatArray) -> float:
+    def _measured(self, name: str, row: FloatArray, measure: Callable[[Recording], Any]) -> Any:
+        key = name, row.tobytes()
+        if key not in self._kept:
+            self._kept[key] = measure(self.likelihood.corrected(row))
+        return self._kept[key]
+
+    def streak_nats(self, row: FloatArray) -> float:
         """Return how much likelier the light streaks are than under no motion that explains them."""
-        key = row.tobytes()
-        if key not in self._streak_nats:
-            self._streak_nats[key] = self.streaks.nats(likelihood.corrected(row))
-        return self._streak_nats[key]
+        return float(self._measured("streaks", row, self.streaks.nats))
 
-    def tiles(self, likelihood: PhotoLikelihood, row: FloatArray) -> FloatArray:
+    def tiles(self, row: FloatArray) -> FloatArray:
         """Return :meth:`rsdeblur.estimate.sharpness.QuickSharpness.tiles` of a row."""
-        key = row.tobytes()
-        if key not in self._tiles:
-            self._tiles[key] = self.quick.tiles(likelihood.corrected(row))
-        return self._tiles[key]
+        tiles: FloatArray = self._measured("tiles", row, self.quick.tiles)
+        return tiles
 
-    def sparsity(self, likelihood: PhotoLikelihood, row: FloatArray) -> float:
+    def sparsity(self, row: FloatArray) -> float:
         """Return the logarithm of l1 / l2 by the quick measure; infinite without a motion."""
         try:
-            return float(self.tiles(likelihood, row).sum())
+            return float(self.tiles(row).sum())
         except UNDESCRIBED:
             return np.inf
 
-    def whole_sparsity(self, likelihood: PhotoLikelihood, row: FloatArray) -> float:
+    def whole_sparsity(self, row: FloatArray) -> float:
         """Return the logarithm of l1 / l2 by the whole solve."""
-        key = row.tobytes()
-        if key not in self._whole_sparsities:
-            self._whole_sparsities[key] = self.whole.of(likelihood.corrected(row))
-        return self._whole_sparsities[key]
-
-
-class _Photo(NamedTuple):
-    likelihood: PhotoLikelihood
-    measures: PhotoMeasures
+        return float(self._measured("whole", row, self.whole.of))
 
 
 class Score:
-    """Scores of corrections, in nats.
+    """Scores of corrections of the photos of one recording, in nats.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        What the spectra and the uncertainty of the recordings say.
-    measures : sequence of PhotoMeasures
-        Light streaks and sharp pictures of each photo.
-    threads : int or None
-        Threads that share several places; None means all processors.
+    `deviations` are the standard deviations of the errors of the recordings as given, shape (8,). Threads share several
+    places; None means all processors.
     """
 
-    def __init__(self, posterior: Posterior, measures: Sequence[PhotoMeasures], threads: int | None) -> None:
-        self.posterior, self.nothing, self._threads = posterior, posterior.nothing, threads
-        self.photos = [_Photo(*pair) for pair in zip(posterior.photos, measures, strict=True)]
+    def __init__(self, photos: Sequence[Photo], deviations: FloatArray, threads: int | None) -> None:
+        self.photos, self.deviations, self.threads = list(photos), deviations, threads
+        # Several photos are shared by threads; the starts of a search, by which one photo is shared, are fewer.
+        likelihoods = [photo.likelihood for photo in photos]
+        self.posterior = Posterior(likelihoods, deviations, threads=threads if len(photos) > 1 else 1)
+        self.nothing = self.posterior.nothing
 
     @classmethod
     def of_photos(
@@ -153,19 +147,7 @@ class Score:
         deviations: FloatArray,
         threads: int | None,
     ) -> Score:
-        """Return the scores of corrections of the photos of one recording.
-
-        Parameters
-        ----------
-        lights : sequence of ndarray, shape (H, W)
-            Linear light of each photo as stored, or already reduced.
-        recordings : sequence of Recording
-            Recording of each photo as given.
-        deviations : ndarray, shape (8,)
-            Standard deviations of their errors.
-        threads : int or None
-            Threads that share the work; None means all processors.
-        """
+        """Return the scores by the linear light of each photo (H, W), as stored, or already reduced."""
         pairs = list(zip(lights, recordings, strict=True))
 
         def likelihood(light: NDArray[np.float32], recording: Recording) -> PhotoLikelihood:
@@ -174,24 +156,22 @@ class Score:
 
         with beside(lambda: list(starmap(LightStreaks, pairs)), threads) as streaks:
             likelihoods = list(starmap(likelihood, pairs))
-            measures = [PhotoMeasures(*pair, each) for pair, each in zip(pairs, streaks(), strict=True)]
-        return cls(_posterior(likelihoods, deviations, threads), measures, threads)
+            photos = [Photo(*each) for each in zip(lights, likelihoods, streaks(), strict=True)]
+        return cls(photos, deviations, threads)
 
-    def under(self, recordings: Sequence[Recording], deviations: FloatArray) -> Score:
+    def under(self, recordings: Sequence[Recording]) -> Score:
         """Return the scores of corrections of other recordings of the same photos."""
-        spectra = (photo.likelihood.spectra for photo in self.photos)
-        likelihoods = [PhotoLikelihood(*pair, deviations) for pair in zip(spectra, recordings, strict=True)]
-        measures = [photo.measures.renewed() for photo in self.photos]
-        return Score(_posterior(likelihoods, deviations, self._threads), measures, self._threads)
+        pairs = zip(self.photos, recordings, strict=True)
+        return Score([photo.under(each, self.deviations) for photo, each in pairs], self.deviations, self.threads)
 
     def alone(self, n: int) -> Score:
         """Return the scores by one of the photos alone."""
-        return Score(self.posterior.alone(n), [self.photos[n].measures], self._threads)
+        return Score([self.photos[n]], self.deviations, self.threads)
 
     @property
     def has_streaks(self) -> bool:
         """Whether a photo has light streaks."""
-        return any(photo.measures.streaks.streaks for photo in self.photos)
+        return any(photo.streaks.streaks for photo in self.photos)
 
     def gain(self, place: FloatArray) -> float:
         """Return how much likelier the spectra and the light streaks are than without a correction."""
@@ -211,16 +191,14 @@ class Score:
         return sum(self._streak_nats(place))
 
     def _streak_nats(self, place: FloatArray) -> list[float]:
-        pairs = zip(self.photos, place, strict=True)
-        return [measures.streak_nats(likelihood, row) for (likelihood, measures), row in pairs]
+        return [photo.streak_nats(row) for photo, row in zip(self.photos, place, strict=True)]
 
     def falls(self, place: FloatArray) -> FloatArray:
         """Return how much the logarithm of l1 / l2 of each photo falls, shape (N,)."""
         return self._sparsities(self.nothing) - self._sparsities(place)
 
     def _sparsities(self, place: FloatArray) -> FloatArray:
-        pairs = zip(self.photos, place, strict=True)
-        return np.array([measures.sparsity(likelihood, row) for (likelihood, measures), row in pairs])
+        return np.array([photo.sparsity(row) for photo, row in zip(self.photos, place, strict=True)])
 
     def over(self, place: FloatArray, other: Score, *, most: float = np.inf) -> float:
         """Return the score of a correction over the recordings that `other` measures, of the same photos, nats.
@@ -230,21 +208,20 @@ class Score:
         given = other.posterior.nats(other.nothing)
         assert given is not None, "the log describes the exposures"
         streaks = map(lead_of, self._streak_nats(place), other._streak_nats(other.nothing))
-        gain = max(self.posterior.lead(place, given) + float(sum(streaks)), WORST_GAIN)
+        gain = _finite(self.posterior.lead(place, given) + float(sum(streaks)))
         fall = float((other._sparsities(other.nothing) - self._sparsities(place)).sum())
         return gain if gain < 0 else gain + NATS_PER_FALL * min(fall, most)
 
     def whole_falls(self, places: Sequence[FloatArray]) -> FloatArray:
         """Return how much the logarithm of l1 / l2 of each photo falls in the whole solve, shape (places, N)."""
         for photo in self.photos:
-            _ = photo.measures.whole  # planned once, not by each thread
-        given, *others = share_map(self.whole_sparsities, [self.nothing, *places], self._threads)
+            _ = photo.whole  # planned once, not by each thread
+        given, *others = share_map(self.whole_sparsities, [self.nothing, *places], self.threads)
         return given - np.reshape(others, (len(places), len(self.photos)))
 
     def whole_sparsities(self, place: FloatArray) -> FloatArray:
         """Return the logarithm of l1 / l2 of each photo by the whole solve, shape (N,)."""
-        pairs = zip(self.photos, place, strict=True)
-        return np.array([measures.whole_sparsity(likelihood, row) for (likelihood, measures), row in pairs])
+        return np.array([photo.whole_sparsity(row) for photo, row in zip(self.photos, place, strict=True)])
 
     def of(self, place: FloatArray) -> float:
         """Return the score of a correction by its gain and the quick measure."""
@@ -252,7 +229,7 @@ class Score:
 
     def all(self, places: Sequence[FloatArray]) -> list[float]:
         """Return the score of each of several corrections by their gains and the quick measure."""
-        return share_map(self.of, places, self._threads)
+        return share_map(self.of, places, self.threads)
 
     def all_whole(self, places: Sequence[FloatArray]) -> list[float]:
         """Return the score of each of several corrections by their gains and the whole solve."""
@@ -273,10 +250,10 @@ class Score:
 
     def together(self, gain: float, fall: float, recordings: Sequence[Recording]) -> float:
         """Return the score of corrected recordings by their gain and the fall of their sharp pictures."""
-        gain = max(gain, WORST_GAIN)
+        gain = _finite(gain)
         # The sharp picture counts only where the spectra agree. Far from the truth it may be clear because little blur
         # was removed.
-        if gain < 0 or (gain < LEAST_OF_SHORTER and _length(recordings) < SHORTER * self._given_length):
+        if gain < 0 or (gain < EVIDENCE and _length(recordings) < SHORTER * self._given_length):
             return gain
         return gain + NATS_PER_FALL * fall
 
@@ -285,9 +262,9 @@ class Score:
         return _length(self.posterior.recordings(self.nothing))
 
 
-def _posterior(photos: Sequence[PhotoLikelihood], deviations: FloatArray, threads: int | None) -> Posterior:
-    # Several photos are shared by threads; the starts of a search, by which one photo is shared, are fewer.
-    return Posterior(photos, deviations, threads=threads if len(photos) > 1 else 1)
+def _finite(gain: float) -> float:
+    """Return a gain, nats; one of a correction with which the log does not describe the exposure is finite, too."""
+    return max(gain, -NATS_PER_FALL)
 
 
 def _length(recordings: Sequence[Recording]) -> float:

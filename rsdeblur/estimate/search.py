@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import product, zip_longest
+from typing import NamedTuple
 
 import numpy as np
 
 from rsdeblur._util.threads import share_map
 from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, SHARED
-from rsdeblur.estimate.score import Score
+from rsdeblur.estimate.score import EVIDENCE, HOPELESS, PROOFS, Score
 from rsdeblur.estimate.sharpness import NATS_PER_FALL
 from rsdeblur.motion.arguments import is_held
 from rsdeblur.types import FloatArray, Progress
@@ -22,7 +23,7 @@ from rsdeblur.types import FloatArray, Progress
 STRAIGHT = tuple(name for name in PARAMETERS if name not in ACCELERATION)
 # Groups of parameters that are searched together, and the number of grid values of each. Every search starts from no
 # correction and from the best one so far. Grid values reach `WIDEST` standard deviations. The likelier share
-# `COMPARED` of the grid, of at least `LEAST_START` nats, is compared by the sharp picture. The best `STARTS` of them
+# `COMPARED` of the grid, unless it is hopeless, is compared by the sharp picture. The best `STARTS` of them
 # start searches too. A correction by few numbers is more credible than one by many.
 MODELS = (
     (("scale",), 0),
@@ -33,29 +34,14 @@ MODELS = (
     ((*DRIFT, *ACCELERATION), 0),
     (STRAIGHT, 0),
 )
-WIDEST, COMPARED, LEAST_START, STARTS = 3.0, 0.5, -20.0, 2
-# Number of candidates that are adjusted, if they score so many nats, and confirmed. Each model has up to two: its
-# best correction, and the best with its numbers alone, which another correction cannot have led astray.
-CANDIDATES, LEAST_ADJUSTED = 5, 10.0
-# Parameters that the quick measure of the sharp picture adjusts if they are corrected, and the steps along each, in
-# standard deviations. At last the whole solve adjusts the others: it finds them more exactly, but on real photos, where
-# the scene has several depths, it leads to drifts that are too long. A parabola leads at most so many steps away.
-ADJUSTED, QUICK_STEPS, WHOLE_STEPS, MOST_STEPS = ("scale", *DRIFT, *ACCELERATION), (0.6, 0.3), (0.3,), 2.0
-# A correction that is accepted may be bent: it must be worth so many nats more, by the quick measure and by the whole
-# solve. Steps along the acceleration, and then along drift and acceleration, in standard deviations.
-MORE_BY_BENDING, BENDING_STEPS = 10.0, (1.0, 0.5)
-# Light streaks search along these parameters, with steps in standard deviations, from the best place of a grid of so
-# many values of each drift, or from no correction. The search goes on after the first step only if they are so many
-# nats likelier. The spectra join the last two steps.
-FOLLOWED, STREAK_STEPS, LEAST_FOLLOWED = ("scale", *DRIFT), (0.8, 0.4, 0.2), 10.0
-STREAK_GRID, STREAK_COUNT = DRIFT, 4
-# Least score (nats) of a correction that is accepted, its least fall in the whole solve, and the most standard
-# deviations of any parameter. The quick measure must not rise; a fall proves less there, as the largest of many.
-LEAST_SCORE, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
-# Least score by the smaller of both falls, and least fall in the whole solve, that will do as well.
-LEAST_BY_BOTH = 36.0, 0.004
-# Least score and fall for the readout time alone: little else looks like that.
-LEAST_OF_READOUT = 15.0, 0.005
+WIDEST, COMPARED, STARTS = 3.0, 0.5, 2
+# Number of candidates that are adjusted and confirmed. Each model has up to two: its best correction, and the best with
+# its numbers alone, which another correction cannot have led astray.
+CANDIDATES = 5
+# A parabola leads at most so many steps away.
+MOST_STEPS = 2.0
+# The most standard deviations of any parameter of a correction that is accepted.
+MOST_DEVIATIONS = 6.0
 # The falls of several photos agree: their mean is at least so many times its standard error.
 LEAST_AGREEMENT = 2.0
 # Reasons of a refusal.
@@ -65,19 +51,32 @@ NOT_SHARPER = "the sharp picture does not become clearer"
 DISAGREE = "the photos disagree"
 
 
+class Adjustment(NamedTuple):
+    """Parameters along which parabolas adjust a correction, and their steps, standard deviations."""
+
+    names: tuple[str, ...]
+    steps: tuple[float, ...]
+
+
+ADJUSTMENTS = {
+    # The quick measure of the sharp picture adjusts those of these that are corrected. At last the whole solve adjusts
+    # all others with the last step: it finds them more exactly, but on real photos, where the scene has several depths,
+    # it leads to drifts that are too long.
+    "quick": Adjustment(("scale", *DRIFT, *ACCELERATION), (0.6, 0.3)),
+    # A correction that is accepted may be bent. The first step is along the acceleration alone.
+    "bent": Adjustment((*DRIFT, *ACCELERATION), (1.0, 0.5)),
+    # Light streaks begin at the best place of the grid of drifts, or at no correction. The spectra join the last steps.
+    "streaks": Adjustment(("scale", *DRIFT), (0.8, 0.4, 0.2)),
+    # The spectra hardly change within a step of the candidates of `find_time_offset`.
+    "offset": Adjustment(("offset",), (0.4, 0.2)),
+}
+
+
 class Search:
-    """Search for the correction with the highest score.
+    """Search for the correction with the highest score."""
 
-    Parameters
-    ----------
-    score : Score
-        Scores of corrections.
-    threads : int or None
-        Threads that share several places; None means all processors.
-    """
-
-    def __init__(self, score: Score, threads: int | None) -> None:
-        self._score, self._threads = score, threads
+    def __init__(self, score: Score) -> None:
+        self._score = score
         #: The corrections that :meth:`best` compared, the best first.
         self.candidates: list[FloatArray] = []
 
@@ -85,7 +84,7 @@ class Search:
         """Return the best credible correction, adjusted by the sharp pictures; or the best one, and what is wrong."""
         score = self._score
         candidates = self.candidates = self._candidates(progress)
-        likely = [place for place in candidates[:CANDIDATES] if score.of(place) >= LEAST_ADJUSTED]
+        likely = [place for place in candidates[:CANDIDATES] if score.of(place) >= EVIDENCE]
         near = [place for place in likely if np.abs(place).max() <= MOST_DEVIATIONS]
         if not near:
             return candidates[0], TOO_FAR if likely else NOT_CLEAR
@@ -98,9 +97,9 @@ class Search:
             score.gain(place) + NATS_PER_FALL * fall - score.cost(place)
             for place, fall in zip(near, falls, strict=True)
         ]
-        refused = []
+        refused, quick = [], ADJUSTMENTS["quick"]
         for n in np.argsort(scores)[::-1]:
-            place = adjusted(near[n], score.all, self._steps_of(near[n], ADJUSTED), progress, steps=QUICK_STEPS)
+            place = adjusted(near[n], score.all, self._steps_of(near[n], quick.names), progress, steps=quick.steps)
             reason = self._doubt(place)
             if not reason:
                 return self._bent(self._polished(place, progress), progress), reason
@@ -113,8 +112,9 @@ class Search:
 
     def _polished(self, place: FloatArray, progress: Progress) -> FloatArray:
         """Return a credible correction, adjusted by the whole solve; unchanged if it would no longer be credible."""
-        others = self._steps_of(place, [name for name in PARAMETERS if name not in ADJUSTED])
-        polished = adjusted(place, self._score.all_whole, others, progress, steps=WHOLE_STEPS)
+        names, steps = ADJUSTMENTS["quick"]
+        others = self._steps_of(place, [name for name in PARAMETERS if name not in names])
+        polished = adjusted(place, self._score.all_whole, others, progress, steps=steps[-1:])
         return place if self._doubt(polished) else polished
 
     def _bent(self, place: FloatArray, progress: Progress) -> FloatArray:
@@ -122,21 +122,21 @@ class Search:
         score = self._score
         if not set(ACCELERATION) <= set(score.posterior.free):
             return place
-        least = score.of(place) - score.cost(place) + MORE_BY_BENDING
-        bent = place
-        for names, step in zip((ACCELERATION, (*DRIFT, *ACCELERATION)), BENDING_STEPS, strict=True):
+        least = score.of(place) - score.cost(place) + EVIDENCE
+        bent, (both, steps) = place, ADJUSTMENTS["bent"]
+        for names, step in zip((ACCELERATION, both), steps, strict=True):
             bent = adjusted(bent, score.all, score.posterior.directions(names), progress, steps=(step,))
             if score.of(bent) - score.cost(bent) < least:
                 return place
         straight, whole = score.all_whole([place, bent])
         more = whole - score.cost(bent) - straight + score.cost(place)
-        return bent if more >= MORE_BY_BENDING and not self._doubt(bent) else place
+        return bent if more >= EVIDENCE and not self._doubt(bent) else place
 
     def _doubt(self, place: FloatArray) -> str:
         """Return why an adjusted correction is not credible; empty if it is."""
         score, changed = self._score, {PARAMETERS[at] for at in np.nonzero(place)[1].tolist()}
-        least, fall = LEAST_OF_READOUT if changed == {"readout"} else (LEAST_SCORE, LEAST_FALL)
-        if score.of(place) < least:
+        least = PROOFS["readout" if changed == {"readout"} else "usual"]
+        if score.of(place) < least.score:
             return NOT_CLEAR
         recordings = score.posterior.recordings(place)
         if np.abs(place).max() > MOST_DEVIATIONS or not all(is_held(each.capture()) for each in recordings):
@@ -146,11 +146,11 @@ class Search:
         # The mean of several falls is as certain as a single larger one.
         mean, count = float(whole.mean()), len(whole)
         proof = mean * np.sqrt(count)
-        sharper = proof >= fall or (by_both >= LEAST_BY_BOTH[0] and proof >= LEAST_BY_BOTH[1])
+        sharper = proof >= least.fall or (by_both >= PROOFS["smaller"].score and proof >= PROOFS["smaller"].fall)
+        # The quick measure must not rise; a fall proves less there, as the largest of many.
         if not sharper or quick.sum() < 0:
             return NOT_SHARPER
-        agree = count == 1 or mean >= LEAST_AGREEMENT * float(whole.std(ddof=1)) / np.sqrt(count)
-        return "" if agree else DISAGREE
+        return "" if agree(whole) else DISAGREE
 
     def _candidates(self, progress: Progress) -> list[FloatArray]:
         """Return the best correction of each model, and the best with its numbers alone; the best of all first."""
@@ -162,12 +162,12 @@ class Search:
             progress("search", n / len(MODELS))
             model, last = [name for name in names if name in posterior.free], names is STRAIGHT
             # Descents of the last model take long, so it begins at the best place only, if that is worth it.
-            if model in tried or (last and most < LEAST_ADJUSTED):
+            if model in tried or (last and most < EVIDENCE):
                 continue
             tried.append(model)
             begin = [best] if last or not best.any() else [score.nothing, best]
             starts = [*begin, *self._starts(model, count)]
-            places = share_map(partial(posterior.descend, free=model), starts, self._threads)
+            places = share_map(partial(posterior.descend, free=model), starts, self._score.threads)
             scores = np.array(score.all(places)) - [score.cost(place) for place in places]
             top = int(scores.argmax())
             others = [name not in model for name in PARAMETERS]
@@ -185,12 +185,12 @@ class Search:
         score = self._score
         if len(score.photos) > 1 and not set(model) & set(SHARED):
             # Numbers that belong to the photo: photos do not depend on each other.
-            alone = [Search(score.alone(n), self._threads)._starts(model, count) for n in range(len(score.photos))]
+            alone = [Search(score.alone(n))._starts(model, count) for n in range(len(score.photos))]
             return [np.concatenate(rows) for rows in zip_longest(*alone, fillvalue=score.nothing[:1])]
         places = self._grid(model, count)
-        gains = np.array(share_map(score.spectra_gain, places, self._threads))
-        likely = [n for n in np.argsort(-gains)[: round(COMPARED * len(places))] if gains[n] > LEAST_START]
-        falls = share_map(lambda n: float(score.falls(places[n]).sum()), likely, self._threads)
+        gains = np.array(share_map(score.spectra_gain, places, self._score.threads))
+        likely = [n for n in np.argsort(-gains)[: round(COMPARED * len(places))] if gains[n] > HOPELESS]
+        falls = share_map(lambda n: float(score.falls(places[n]).sum()), likely, self._score.threads)
         scores = gains[likely] + NATS_PER_FALL * np.array(falls)
         return [places[likely[n]] for n in np.argsort(-scores)[:STARTS]]
 
@@ -202,24 +202,31 @@ class Search:
 
     def _followed(self, progress: Progress) -> list[FloatArray]:
         """Return the correction that light streaks prefer, and what the spectra and they prefer from there."""
-        score, steps = self._score, self._score.posterior.directions(FOLLOWED)
-        if not score.has_streaks or not steps or len(score.photos) > 1:
+        score, (names, steps) = self._score, ADJUSTMENTS["streaks"]
+        axes = score.posterior.directions(names)
+        if not score.has_streaks or not axes or len(score.photos) > 1:
             return []
 
         def likely(places: Sequence[FloatArray]) -> list[float]:
             return share_map(
-                lambda place: score.streak_nats(place) - score.posterior.prior(place), places, self._threads
+                lambda place: score.streak_nats(place) - score.posterior.prior(place), places, self._score.threads
             )
 
         def gains(places: Sequence[FloatArray]) -> list[float]:
-            return share_map(score.gain, places, self._threads)
+            return share_map(score.gain, places, self._score.threads)
 
-        begin = [score.nothing, *self._grid(STREAK_GRID, STREAK_COUNT)]
-        first = adjusted(begin[int(np.argmax(likely(begin)))], likely, steps, progress, steps=STREAK_STEPS[:1])
-        if score.streak_gain(first) < LEAST_FOLLOWED:
+        begin = [score.nothing, *self._grid(DRIFT, dict(MODELS)[DRIFT])]
+        first = adjusted(begin[int(np.argmax(likely(begin)))], likely, axes, progress, steps=steps[:1])
+        if score.streak_gain(first) < EVIDENCE:
             return []
-        place = adjusted(first, likely, steps, progress, steps=STREAK_STEPS[:2])
-        return [place, adjusted(place, gains, steps, progress, steps=STREAK_STEPS[1:])]
+        place = adjusted(first, likely, axes, progress, steps=steps[:2])
+        return [place, adjusted(place, gains, axes, progress, steps=steps[1:])]
+
+
+def agree(falls: FloatArray) -> bool:
+    """Return whether the falls of several photos, shape (N,), agree; one alone always does."""
+    count = len(falls)
+    return count == 1 or float(falls.mean()) >= LEAST_AGREEMENT * float(falls.std(ddof=1)) / np.sqrt(count)
 
 
 def adjusted(

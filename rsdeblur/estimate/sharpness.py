@@ -25,9 +25,9 @@ from rsdeblur._util.threads import share_map
 from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, DerivativePrior, brightness
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.periodograms import wrapped
+from rsdeblur.estimate.periodograms import TILE, wrapped
 from rsdeblur.estimate.posterior import UNDESCRIBED
-from rsdeblur.estimate.spectra import softness
+from rsdeblur.estimate.spectra import LONGEST_BLUR, softness
 from rsdeblur.estimate.strength import PATH_ERROR, Tuning
 from rsdeblur.image.frame import upright
 from rsdeblur.motion.camera import Camera
@@ -35,17 +35,15 @@ from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.types import ComplexArray, FloatArray, FloatImage
 
-# Longer side of the picture that is made sharp and least shorter side, px.
-SIDE, LEAST_SIDE = 640, 64
-# Tiles of the whole solve; the border that is not compared, px, and the parts along both axes that are.
-WHOLE_TILES, FRAME, PARTS = (8, 4), 16, (6, 4)
+# Longer side of the picture that is made sharp, px.
+SIDE = 640
+# Tiles along both axes that are compared, and the length over which their opposite ends fade into each other: in PSF
+# sizes, and at most as a share of the picture.
+TILES, FADE, MOST_FADE = (6, 4), 5.0, 0.3
+# Tiles of the whole solve, and the border that is not compared, px.
+WHOLE_TILES, FRAME = (8, 4), 16
 # Gradients below this count as zero.
 FAINTEST = 1e-9
-# The picture is reduced until the mean blur is no longer than this, px.
-LONGEST_BLUR = 20.0
-# Tiles along both axes, and the length over which their opposite ends fade into each other: in PSF sizes, and at most
-# as a share of the picture.
-TILES, FADE, MOST_FADE = (6, 4), 5.0, 0.3
 # Penalties of the steps of total variation, which do not extrapolate: more steps distinguish motions no better.
 PENALTIES = (5.0, 14.0)
 # Shorter side, px, from which pictures tell a motion from half a turn of it. With right motions, the measure reached
@@ -71,12 +69,8 @@ class Moving(Protocol):
 class QuickSharpness:
     """How concentrated the gradient of the sharp picture is under several motions, with the same strength.
 
-    Parameters
-    ----------
-    light : ndarray, shape (H, W)
-        Linear light, of the picture as stored, or already reduced, but not below 640 px.
-    recording : Moving
-        Recording of the picture as given, from which the strength follows.
+    `light` is linear, shape (H, W), of the picture as stored, or already reduced, but not below 640 px. The strength
+    follows from `recording`, the one given.
     """
 
     def __init__(self, light: FloatImage, recording: Moving) -> None:
@@ -116,14 +110,7 @@ class QuickSharpness:
         """Return by how much that falls if the motion is turned by half a turn about the optical axis.
 
         The spectra of the blurred picture are the same then. Pictures of less than `LEAST_TURNED` px show too little to
-        tell: 0.
-
-        Parameters
-        ----------
-        recording : Moving
-            The motion.
-        own : float, optional
-            What :meth:`of` returns for it, if that is known.
+        tell: 0. `own` is what :meth:`of` returns for the motion, if that is known.
         """
         if min(recording.camera.width, recording.camera.height) < LEAST_TURNED:
             return 0.0
@@ -136,14 +123,8 @@ class QuickSharpness:
     ) -> list[float]:
         """Return the measure of :meth:`of` with motions that are other than a recording's.
 
-        Parameters
-        ----------
-        recording : Moving
-            The recording.
-        others : sequence of ndarray, shape (T, 2), or float
-            The other motions: a path that all pixels have, px of the upright picture, or a factor on the paths.
-        threads : int, optional
-            Threads that share the motions; None means all processors.
+        A motion is a path that all pixels have, px of the upright picture, shape (T, 2), or a factor on the paths.
+        Threads share them; None means all processors.
         """
         own = self._paths(recording, *self._tiles.centres)
 
@@ -166,12 +147,7 @@ class QuickSharpness:
 class WholeSharpness:
     """How concentrated the gradient of the sharp picture is under several motions, by the solve of the whole picture.
 
-    Parameters
-    ----------
-    light : ndarray, shape (H, W)
-        Linear light, of the picture as stored, or already reduced.
-    recording : Recording
-        Recording of the picture as given, from which the strength follows.
+    Arguments are those of :class:`QuickSharpness`.
     """
 
     def __init__(self, light: FloatImage, recording: Recording) -> None:
@@ -201,20 +177,10 @@ class WholeSharpness:
 
 
 class _RepeatingTiles:
-    """Tiles of a picture that repeat.
+    """Tiles of a picture (H, W) that repeat; `size` is that of the PSFs, `nsr` that of :class:`TileQuadratic`.
 
     Opposite ends of a tile fade into each other, whatever its PSF, so that a tile's spectrum serves for all motions.
-
-    Parameters
-    ----------
-    light : ndarray, shape (H, W), float32
-        Linear light.
-    size : (int, int)
-        Height and width of the PSFs.
-    nsr : float
-        See :class:`rsdeblur.deconv.TileQuadratic`.
-    softness : float
-        Standard deviation of a Gaussian under which the PSFs are taken, px.
+    The PSFs are taken under a Gaussian with the standard deviation `softness`, px.
     """
 
     def __init__(self, light: NDArray[np.float32], size: tuple[int, int], *, nsr: float, softness: float) -> None:
@@ -267,18 +233,10 @@ class _RepeatingTiles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RepeatingSolver:
-    """Solver of tiles that repeat; its latent picture is a column of all of them.
+    """Solver of N tiles that repeat; its latent picture is a column of all of them, each of `shape`.
 
-    Parameters
-    ----------
-    data : ndarray, shape (N, H, F), complex64
-        Right-hand sides of the normal equations without a prior.
-    power : ndarray, shape (N, H, F), float32
-        Their factors.
-    differences : ndarray, shape (H, F), float32
-        `|D|^2`.
-    shape : (int, int)
-        Height and width of a tile.
+    `data` are the right-hand sides of the normal equations without a prior, `power` their factors, both (N, H, F), and
+    `differences` is |D|^2, (H, F).
     """
 
     data: NDArray[np.complex64]
@@ -331,9 +289,9 @@ def assumed(light: FloatImage, bank: PsfBank) -> Tuning:
 
 
 def scale_of(camera: Camera, most: float = 1.0) -> float:
-    """Return the factor by which pictures of a camera are reduced, at most `most` unless they become too narrow."""
+    """Return the factor by which pictures of a camera are reduced: at most `most`, but not narrower than a tile."""
     longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
-    return min(1.0, max(min(SIDE / longer, most), LEAST_SIDE / shorter))
+    return min(1.0, max(min(SIDE / longer, most), TILE / shorter))
 
 
 def concentrations(tiles: FloatImage) -> FloatArray:
@@ -353,7 +311,7 @@ def contrast_shares(tiles: FloatImage) -> FloatArray:
 def _parts(picture: FloatImage) -> FloatImage:
     """Return equal parts of a picture within the frame, shape (N, h, w)."""
     inside = picture[FRAME:-FRAME, FRAME:-FRAME]
-    (down, tall), (across, wide) = ((n, side // n) for n, side in zip(PARTS, inside.shape, strict=True))
+    (down, tall), (across, wide) = ((n, side // n) for n, side in zip(TILES, inside.shape, strict=True))
     grid = inside[: down * tall, : across * wide].reshape(down, tall, across, wide)
     return grid.swapaxes(1, 2).reshape(-1, tall, wide)
 

@@ -9,45 +9,22 @@ from numpy.typing import NDArray
 
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.periodograms import (
-    DIRECTION,
-    DIRECTIONS,
-    GRADIENT,
-    NOISE_FROM,
-    NOISE_TO,
-    RADIUS,
-    TILE,
-    noise_between,
-    periodograms,
-    power_of,
-)
+from rsdeblur.estimate.periodograms import STIFFNESS, TILE, TilePeriodograms
 from rsdeblur.image.frame import upright
 from rsdeblur.kernels import whittle
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
 
-# Frequencies that are compared, cycles/px. Below them the window smears; above them there are only the corners of the
-# spectrum.
-LOWEST, HIGHEST = 1.5 / TILE, 0.5
-# Bounds of the rings in which phones leave noise of different power, cycles/px: half octaves. Of all tiles, this share
-# has no more than the noise there.
-RINGS = 2.0 ** np.arange(-4.5, -1.0, 0.5)
-QUIET = 0.1
-# Candidates for the noise, as multiples of its first estimate.
-LEVELS = np.array([0.3, 1.0])
-# Weight, in nats, of squared differences between the logarithms of a scene's power in different directions, which
-# differs in natural scenes, but not by any factor.
-STIFFNESS = 20.0
-
 # Softness of photos that no motion explains, from lens, demosaicing and denoising: standard deviation, px of the
 # picture as stored.
 SOFTNESS = 0.7
 
-# Reduction of the picture for its spectra. The finest detail is left out, because cameras denoise and sharpen it; the
-# blur is at most so long, px; and the longer side is within these bounds, px.
-LEAST_REDUCTION, LONGEST_BLUR = 2.4, 20.0
-SPECTRA_SIDES = 320, 480
+# Mean length of the blur to which pictures are reduced, px.
+LONGEST_BLUR = 20.0
+# Reduction of the picture for its spectra, which leaves out the finest detail, because cameras denoise and sharpen it;
+# and bounds of the longer side, px.
+LEAST_REDUCTION, SPECTRA_SIDES = 2.4, (320, 480)
 
 # Places across the picture at which PSFs are drawn; between them they change little.
 COLUMNS = 4
@@ -58,30 +35,14 @@ LEAST_SAMPLES, SAMPLES_PER_PIXEL = 65, 2
 class TileSpectra:
     """Power spectra of overlapping tiles of a blurred picture, and how likely they are under a camera's motion.
 
-    Parameters
-    ----------
-    light : ndarray, shape (H, W)
-        Linear light, of the picture as stored, or already reduced, but not below `side`.
-    recording : Recording
-        Recording of the picture. Corrected ones can be scored.
-    side : int
-        Longer side of the picture after reduction, px.
-    threads : int, optional
-        Threads that share the tiles of a fit; default all processors. 1 suits callers whose threads share motions.
-
-    Raises
-    ------
-    InputError
-        If the reduced picture is smaller than a tile.
+    `light` is linear, shape (H, W), of the picture as stored, or already reduced, but not below `side`, the longer side
+    of the picture after reduction, px; InputError if it is smaller than a tile then. Corrected recordings can be
+    scored, too. Threads share the tiles of a fit; 1 suits callers whose threads share motions. Methods raise the errors
+    of a log that does not describe the exposure.
     """
 
     def __init__(
-        self,
-        light: NDArray[np.float32],
-        recording: Recording,
-        *,
-        side: int,
-        threads: int | None = None,
+        self, light: NDArray[np.float32], recording: Recording, *, side: int, threads: int | None = None
     ) -> None:
         camera, self._threads = recording.camera, threads
         self._scale = min(1.0, side / max(camera.width, camera.height))
@@ -107,26 +68,14 @@ class TileSpectra:
         return len(self._place)
 
     def expected(self, recording: Recording) -> NDArray[np.float32]:
-        """Return the power expected at the places of the PSFs, see :meth:`TilePeriodograms.expected`.
-
-        Raises
-        ------
-        CoverageError, ClockError, GapError
-            If the log does not describe the exposure.
-        """
+        """Return the power expected at the places of the PSFs, see :meth:`TilePeriodograms.expected`."""
         capture = recording.capture(self._scale)
         paths = BlurPaths.from_capture(capture, self._rows, self._cols, samples=self._samples)
         # So few PSFs are drawn sooner than threads start.
         return self._periodograms.expected(PsfBank.from_paths(paths, threads=1).kernels)
 
     def fit(self, recording: Recording) -> Fit:
-        """Return how likely every tile is under this motion.
-
-        Raises
-        ------
-        CoverageError, ClockError, GapError
-            If the log does not describe the exposure.
-        """
+        """Return how likely every tile is under this motion."""
         expected = self.expected(recording)
         return Fit(expected, *self._periodograms.fit(expected, self._place, threads=self._threads))
 
@@ -137,12 +86,7 @@ class TileSpectra:
     def information(self, fit: Fit, slopes: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
         """Return gradient and Fisher information of every tile, see :func:`rsdeblur.kernels.whittle.information`.
 
-        Parameters
-        ----------
-        fit : Fit
-            Result of :meth:`fit`.
-        slopes : ndarray, shape (Q, K, F)
-            Derivatives of the logarithm of its expected power.
+        `slopes` are derivatives of the logarithm of the fit's expected power, shape (Q, K, F).
         """
         measured = self._periodograms
         tiles = measured.tiles_under(fit.expected, self._place)
@@ -151,117 +95,15 @@ class TileSpectra:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Scene and noise fitted to the tiles under one motion.
+    """Scene and noise fitted to the tiles under one motion, see :func:`rsdeblur.kernels.whittle.fit_gains`.
 
-    Parameters
-    ----------
-    expected : ndarray, shape (K, F), float32
-        Expected power, see :meth:`TilePeriodograms.expected`.
-    nats, gains, levels : ndarray
-        See :func:`rsdeblur.kernels.whittle.fit_gains`.
+    `expected` is that of :meth:`TilePeriodograms.expected`, shape (K, F).
     """
 
     expected: NDArray[np.float32]
     nats: FloatArray
     gains: FloatArray
     levels: FloatArray
-
-
-class TilePeriodograms:
-    """Periodograms of tiles of a picture, and how likely they are under given PSFs.
-
-    Parameters
-    ----------
-    grey : ndarray, shape (H, W)
-        Linear light.
-    tops, lefts : ndarray, shape (B,) and (S,)
-        First rows and first columns of the tiles.
-    softness : float, default 0.0
-        Standard deviation of a Gaussian that softens the scene, px.
-    white : bool, default True
-        Whether the noise is white. Otherwise its colour is measured, because denoising leaves more noise on coarse
-        scales: a bare wall would look like a scene that is blurred alike in all directions.
-
-    Attributes
-    ----------
-    power, noise : ndarray, shape (B * S, F), float32
-        Power of both differences, and of the noise in it, at F frequencies sorted by direction.
-    sectors : ndarray, shape (DIRECTIONS + 1,)
-        First frequency of each direction, and F.
-    """
-
-    def __init__(
-        self,
-        grey: NDArray[np.float32],
-        tops: NDArray[np.intp],
-        lefts: NDArray[np.intp],
-        *,
-        softness: float = 0.0,
-        white: bool = True,
-    ) -> None:
-        used = np.flatnonzero((RADIUS > LOWEST) & (RADIUS < HIGHEST))
-        self._used = used[np.argsort(DIRECTION.flat[used], kind="stable")]
-        self.sectors = np.searchsorted(DIRECTION.flat[self._used], np.arange(DIRECTIONS + 1))
-        tiles = np.lib.stride_tricks.sliding_window_view(grey, (TILE, TILE))[np.ix_(tops, lefts)]
-        power = periodograms(tiles)
-        noise = noise_between(power, NOISE_FROM, NOISE_TO).reshape(-1, 1)
-        self.power = np.ascontiguousarray(power.reshape(len(noise), -1)[:, self._used])
-        self.noise = (noise * GRADIENT.flat[self._used]).astype(np.float32)
-        if not white:
-            self.noise *= self._colour()
-        scene = GRADIENT / np.maximum(RADIUS, LOWEST) ** 2 * np.exp(-np.square(2 * np.pi * softness * RADIUS))
-        self._scene = scene.astype(np.float32).flat[self._used]
-
-    def _colour(self) -> NDArray[np.float32]:
-        """Return the power of the noise at all frequencies, as multiples of white noise.
-
-        In each ring, the direction with the least power contains the least of the scene, and quiet tiles contain
-        hardly anything else.
-        """
-        relative = self.power / self.noise
-        ring, direction = np.digitize(RADIUS, RINGS).flat[self._used], DIRECTION.flat[self._used]
-        multiples = np.ones(len(RINGS) + 2)
-        for n in range(len(RINGS), -1, -1):
-            cells = [relative[:, (ring == n) & (direction == k)] for k in range(DIRECTIONS)]
-            means = [cell.mean(axis=1) for cell in cells if cell.shape[1] > 1]
-            quiet = float(np.quantile(np.min(means, axis=0), QUIET)) if means else 0.0
-            multiples[n] = max(quiet, multiples[n + 1])
-        return multiples[ring].astype(np.float32)
-
-    def expected(self, kernels: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the power of the scene under `kernels` (B, S, kh, kw), up to a gain, shape (B * S, F)."""
-        power = power_of(kernels)
-        # A PSF can make a frequency vanish, but nothing is certain.
-        expected: NDArray[np.float32] = np.maximum(power.reshape(-1, power[0, 0].size)[:, self._used], 1e-9)
-        expected *= self._scene
-        return expected
-
-    def fit(
-        self,
-        expected: NDArray[np.float32],
-        place: NDArray[np.intp],
-        *,
-        levels: FloatArray = LEVELS,
-        threads: int | None = None,
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return nats, gains and levels of the noise of all tiles, see :func:`rsdeblur.kernels.whittle.fit_gains`.
-
-        Parameters
-        ----------
-        expected : ndarray, shape (K, F)
-            Expected power at K places.
-        place : ndarray, shape (B * S,)
-            Index of each tile's place.
-        levels : ndarray, optional
-            Candidates for the noise, as multiples of its first estimate.
-        threads : int, optional
-            Threads that share the tiles; default all processors.
-        """
-        return whittle.fit_gains(self.tiles_under(expected, place), levels, STIFFNESS, threads=threads)
-
-    def tiles_under(self, expected: NDArray[np.float32], place: NDArray[np.intp]) -> whittle.Tiles:
-        """Return the tiles with the power expected at K places and the index of each tile's place; see `fit`."""
-        return whittle.Tiles(self.power, self.noise, expected, place, self.sectors)
 
 
 def softness(scale: float) -> float:

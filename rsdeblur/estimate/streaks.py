@@ -17,34 +17,33 @@ from scipy import fft, ndimage
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.posterior import UNDESCRIBED
-from rsdeblur.estimate.sharpness import LONGEST_BLUR, TILES
+from rsdeblur.estimate.sharpness import TILES
+from rsdeblur.estimate.spectra import LONGEST_BLUR, SOFTNESS
 from rsdeblur.image.frame import upright
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.types import ComplexArray, FloatArray, FloatImage
 
-# PSFs whose diagonal is shorter have no shape, px.
-LEAST_EXTENT = 8.0
-# Thickest trail, px, and the smoothing, px, before trails are separated from what is thicker, against noise and jagged
-# edges.
-THICKEST, SMOOTHING = 7, 0.7
+# Thickest trail, px; PSFs whose diagonal is no longer have no shape.
+THICKEST = 7
 # A trail is brighter than what it lies on by this many times the noise, and times the level that this share of the
 # values within some diagonals of PSFs does not exceed, and by this share of the light there.
 CLEAR, AROUND, UNUSUAL, LEAST_CONTRAST = 5.0, 1.5, 0.9, 0.1
 # It ends at this share of its peak, or at so many times that level.
 END, ABOVE = 0.25, 2.0
-# Its diagonal, as shares of that of the PSFs as recorded, and a margin, px. Longer things are lines of the scene.
-SHORTEST, LONGEST, MARGIN = 0.5, 1.6, 4.0
+# Bounds of its diagonal, as shares of that of the PSFs as recorded, and a margin, px. Longer things are lines of the
+# scene.
+LENGTHS, MARGIN = (0.5, 1.6), 4.0
 # Number of trails that are compared: the clearest. Distance from it at which other things are hidden, px.
 MOST_STREAKS, BESIDE = 16, 2
 # Sizes of the bright thing, including the softness of the photo: standard deviations of a Gaussian, px.
 SIZES = 0.7, 1.5
-# Farthest shift of the PSF, as a share of its diagonal, and the least share of its power that is not hidden.
-SHIFT, LEAST_SEEN = 0.5, 0.8
+# Least share of the PSF's power that is not hidden.
+LEAST_SEEN = 0.8
 # Nats that a loss of the squared correlation costs: as of four independent values, to which noise, processing and the
-# shape of the thing add errors of 5 % of the power. Smaller correlations than the least one are no agreement.
-NATS_PER_LOSS, LEAST_CORRELATION = 40.0, 0.7
-MOST_NATS = NATS_PER_LOSS * (1 - LEAST_CORRELATION**2)
+# shape of the thing add errors of 5 % of the power. A correlation below 0.7 is no agreement, so a trail proves at most
+# as much as a perfect one does over that.
+NATS_PER_LOSS, MOST_NATS = 40.0, 20.4
 # Nats that all trails together prove at most, as five perfect ones: several may belong to one thing.
 MOST_TOGETHER = 5 * MOST_NATS
 
@@ -53,16 +52,10 @@ Places = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Streak:
-    """A trail and what surrounds it.
+    """A trail with its centre in the upright picture, px, and what surrounds it, shape (N, N).
 
-    Parameters
-    ----------
-    row, col : int
-        Its centre in the upright picture, px.
-    values : ndarray, shape (N, N), float32
-        Light of thin things around the centre; 0 where others than the trail are.
-    seen : ndarray, shape (N, N), float32
-        0 where others are, and beyond the picture; 1 elsewhere.
+    `values` is the light of thin things, 0 where others than the trail are; `seen` is 0 where others are, and beyond
+    the picture; 1 elsewhere.
     """
 
     row: int
@@ -74,17 +67,8 @@ class Streak:
 class LightStreaks:
     """How well the trails of small bright things agree with motions.
 
-    Parameters
-    ----------
-    light : ndarray, shape (H, W)
-        Linear light, of the picture as stored, or already reduced.
-    recording : Recording
-        Recording of the picture as given.
-
-    Attributes
-    ----------
-    streaks : list of Streak
-        The trails; none if the PSFs are too small to have a shape.
+    `light` is linear, shape (H, W), of the picture as stored, or already reduced; `recording` is the one given. There
+    are no `streaks` if the PSFs are too small to have a shape.
     """
 
     def __init__(self, light: FloatImage, recording: Recording) -> None:
@@ -94,8 +78,9 @@ class LightStreaks:
         self._rows, self._cols = (tile_centres(count, side) for count, side in zip(TILES, light.shape, strict=True))
         extent = np.ptp(self._paths(recording).displacements, axis=2).max(axis=(0, 1))
         diagonal = float(np.hypot(*extent))
-        self.streaks = find_streaks(light, diagonal) if diagonal >= LEAST_EXTENT else []
-        self._reach = int(SHIFT * diagonal + MARGIN)
+        self.streaks = find_streaks(light, diagonal) if diagonal > THICKEST else []
+        # A trail may show a part of the PSF, which may be any.
+        self._reach = int((1 - LENGTHS[0]) * diagonal + MARGIN)
         self._centre = _half(diagonal)
         self._side = fft.next_fast_len(2 * self._centre + 1 + self._reach, real=True)
         nearest = [
@@ -128,13 +113,7 @@ class LightStreaks:
         return float((MOST_NATS + np.logaddexp(-NATS_PER_LOSS * lost, -MOST_NATS)).sum())
 
     def correlations(self, recording: Recording) -> FloatArray:
-        """Return the largest correlation of each trail with the PSF there, over shifts and sizes of the thing.
-
-        Raises
-        ------
-        CoverageError, ClockError, GapError
-            If the log does not describe the exposure.
-        """
+        """Return the largest correlation of each trail with the PSF there, over shifts and sizes of the thing."""
         kernels = PsfBank.from_paths(self._paths(recording), threads=1).kernels
         trails = np.stack([_trails(kernels[place], self._side, self._centre) for place in self._places])
         least = LEAST_SEEN * np.square(trails).sum(axis=(2, 3), keepdims=True)[self._place]
@@ -157,15 +136,7 @@ def lead_of(nats: float, others: float) -> float:
 
 
 def find_streaks(light: FloatImage, diagonal: float) -> list[Streak]:
-    """Return the clearest trails in a picture.
-
-    Parameters
-    ----------
-    light : ndarray, shape (H, W)
-        Linear light.
-    diagonal : float
-        Diagonal of the box around the PSFs as recorded, px.
-    """
+    """Return the clearest trails in linear light (H, W); `diagonal` is that of the box around the recorded PSFs, px."""
     thin, half = thin_things(light), _half(diagonal)
     level = np.maximum(_usual(thin, max(1, round(AROUND * diagonal))), noise_level(light[..., None]))
     clear = np.maximum(CLEAR * level, LEAST_CONTRAST * light)
@@ -186,8 +157,11 @@ def find_streaks(light: FloatImage, diagonal: float) -> list[Streak]:
     return [_cut(thin, floor, inside, rows, cols, half) for _, rows, cols in found[:MOST_STREAKS]]
 
 
-def thin_things(light: FloatImage, smoothing: float = SMOOTHING) -> FloatImage:
-    """Return the light of things that are thinner than `THICKEST` px, without that of what they lie on."""
+def thin_things(light: FloatImage, smoothing: float = SOFTNESS) -> FloatImage:
+    """Return the light of things that are thinner than `THICKEST` px, without that of what they lie on.
+
+    It is smoothed first, against noise and jagged edges, by a Gaussian with this standard deviation, px.
+    """
     smooth = ndimage.gaussian_filter(light, smoothing, mode="nearest")
     thin: FloatImage = smooth - ndimage.grey_opening(smooth, size=(THICKEST, THICKEST), mode="nearest")
     return thin
@@ -224,7 +198,7 @@ def _fits(rows: Places, cols: Places, diagonal: float) -> bool:
     length = float(np.hypot(np.ptp(rows) + 1, np.ptp(cols) + 1))
     is_whole = max(np.abs(rows).max(), np.abs(cols).max()) < _half(diagonal)
     is_thin = len(rows) <= THICKEST * length
-    return bool(is_whole and is_thin and SHORTEST * diagonal <= length <= LONGEST * diagonal + MARGIN)
+    return bool(is_whole and is_thin and LENGTHS[0] * diagonal <= length <= LENGTHS[1] * diagonal + MARGIN)
 
 
 def _cut(
@@ -250,7 +224,7 @@ def _trails(kernel: NDArray[np.float32], side: int, centre: int) -> NDArray[np.f
     if max(cut.shape) > side:
         return trails
     for trail, size in zip(trails, SIZES, strict=True):
-        trail[: cut.shape[0], : cut.shape[1]] = thin_things(cut, float(np.hypot(size, SMOOTHING)))
+        trail[: cut.shape[0], : cut.shape[1]] = thin_things(cut, float(np.hypot(size, SOFTNESS)))
     return np.roll(trails, [centre - n // 2 for n in cut.shape], axis=(1, 2))
 
 

@@ -21,35 +21,22 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, Correction, Recording, Uncertainty
 from rsdeblur.estimate.posterior import UNDESCRIBED, costs_of
-from rsdeblur.estimate.refine import AHEAD_OF_AXES, exposures_of, grey_lights
-from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
-from rsdeblur.estimate.score import Score
-from rsdeblur.estimate.search import (
-    DISAGREE,
-    LEAST_AGREEMENT,
-    LEAST_FALL,
-    LEAST_SCORE,
-    NOT_CLEAR,
-    NOT_SHARPER,
-    Search,
-    adjusted,
-)
+from rsdeblur.estimate.refine import exposures_of, grey_lights
+from rsdeblur.estimate.rival_axes import AHEAD_OF_AXES, FITTED, OTHER_AXES, rival_lead
+from rsdeblur.estimate.score import PROOFS, Score
+from rsdeblur.estimate.search import ADJUSTMENTS, DISAGREE, NOT_CLEAR, NOT_SHARPER, Search, adjusted, agree
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.types import FloatArray, Progress
 
-# Step of the candidates, s, and the number of likeliest ones that are corrected.
-STEP, COMPARED = 4e-3, 4
-# What is corrected together with the offset, and the steps of the offset, standard deviations, by which the sharp
-# pictures adjust it: the spectra hardly change within a step of the candidates.
+# Step of the candidates, s; nearer offsets count as the same answer.
+STEP = 4e-3
+# What is corrected together with the offset.
 MODELS = ("offset",), ("offset", "scale"), ("offset", *DRIFT), ("offset", "scale", *DRIFT, *ACCELERATION)
-OFFSET_STEPS = 0.4, 0.2
-# Longest search, and largest offset, s.
-MOST_SEARCH, LARGEST_OFFSET = 120.0, 1e9
-# Offsets nearer than this count as the same answer, and the largest standard deviation of an answer, s.
-SAME, MOST_DEVIATION = 4e-3, 2.5e-3
+# Longest search, and the largest standard deviation of an answer, s.
+MOST_SEARCH, MOST_DEVIATION = 120.0, 2.5e-3
 # Nats by which an answer must lead any other one.
 LEAST_LEAD = 15.0
 NOT_SURE = "other offsets explain the blur as well: the motion is too uniform, or the scene without detail"
@@ -146,7 +133,7 @@ def find_time_offset(
     for each in exposures:
         check_recording(log, camera, each)
     validate.callback("progress", progress)
-    first, last = validate.real_array("search", search, (2,), most=LARGEST_OFFSET).tolist()
+    first, last = validate.real_array("search", search, (2,), most=validate.MOST_SECONDS).tolist()
     if last - first < 2 * STEP:
         raise InputError(f"search must span at least {2 * STEP:g} s, got {first:g} to {last:g}")
     recordings = [Recording(log, camera, each) for each in exposures]
@@ -158,20 +145,10 @@ def find_time_offset(
 
 
 class _Answer(NamedTuple):
-    """An offset, together with other corrections.
+    """An offset together with other corrections: `place` (N, 8) of the recordings with the `candidate`.
 
-    Parameters
-    ----------
-    candidate : int
-        The candidate that is corrected.
-    score : Score
-        Scores of corrections of the recordings with this candidate.
-    place : ndarray, shape (N, 8)
-        The best correction of them.
-    total : float
-        Its score over the recordings from which the search begins, nats, by the smaller of both falls.
-    falls : ndarray, shape (N,)
-        Falls of the logarithms of l1 / l2 of the whole solves over these recordings.
+    `total` is its score over the recordings from which the search begins, nats, by the smaller of both falls; `falls`
+    are those of the whole solves over these recordings, shape (N,).
     """
 
     candidate: int
@@ -199,12 +176,12 @@ class _Clock:
         shifts: FloatArray,
         threads: int | None,
     ) -> None:
-        self._given, self._shifts, self._threads = recordings, shifts, threads
+        self._given, self._shifts = recordings, shifts
         longest = max((each.exposure for each in recordings), key=lambda each: each.duration)
-        self._deviations = Uncertainty().deviations(recordings[0].camera, longest)
+        deviations = Uncertainty().deviations(recordings[0].camera, longest)
         # Measures need a recording that the log describes: the nearest to the one that is given.
         nearest = float(shifts[np.abs(shifts).argmin()])
-        self._score = Score.of_photos(lights, self._shifted(nearest), self._deviations, threads)
+        self._score = Score.of_photos(lights, self._shifted(nearest), deviations, threads)
 
     def _shifted(self, shift: float) -> list[Recording]:
         return [each.corrected(Correction(offset=shift)) for each in self._given]
@@ -214,13 +191,13 @@ class _Clock:
         costs = self._curve(progress)
         answers = [self._corrected(n) for n in self._likely(costs)]
         best = max(answers, key=lambda each: each.total)
-        others = [each.total for each in answers if abs(each.offset - best.offset) > SAME]
+        others = [each.total for each in answers if abs(each.offset - best.offset) > STEP]
         lead = best.total - max(others, default=-np.inf)
         best = self._searched(best, progress)
         at, given = PARAMETERS.index("offset"), self._given[0].camera.time_offset
-        sd = float(best.score.posterior.spread(best.place)[0, at] * self._deviations[at])
+        sd = float(best.score.posterior.spread(best.place)[0, at] * best.score.deviations[at])
         reason = AT_END if best.candidate in (0, len(costs) - 1) else self._doubt(best, lead, sd)
-        rivals = rival_lead(best.score, best.recordings, self._deviations, threads=self._threads)
+        rivals = rival_lead(best.score, best.recordings)
         # What is not sure may still be sure of other axes.
         if reason != AT_END and rivals > (LEAST_LEAD if reason else -AHEAD_OF_AXES):
             reason = OTHER_AXES
@@ -231,15 +208,13 @@ class _Clock:
         """Return why an offset is not credible, whatever the axes are; empty if it is."""
         if lead < LEAST_LEAD or sd > MOST_DEVIATION:
             return NOT_SURE
-        if abs(best.offset - self._given[0].camera.time_offset) <= SAME:
+        if abs(best.offset - self._given[0].camera.time_offset) <= STEP:
             return ""
-        if best.total < LEAST_SCORE:
+        if best.total < PROOFS["usual"].score:
             return NOT_CLEAR
-        mean, count = float(best.falls.mean()), len(best.falls)
-        if mean * np.sqrt(count) < LEAST_FALL:
+        if float(best.falls.mean()) * np.sqrt(len(best.falls)) < PROOFS["usual"].fall:
             return NOT_SHARPER
-        agree = count == 1 or mean >= LEAST_AGREEMENT * float(best.falls.std(ddof=1)) / np.sqrt(count)
-        return "" if agree else DISAGREE
+        return "" if agree(best.falls) else DISAGREE
 
     def _curve(self, progress: Progress) -> FloatArray:
         """Return how much less likely than the best the candidates are by the spectra, nats; infinite without a log."""
@@ -253,7 +228,7 @@ class _Clock:
             except UNDESCRIBED:
                 return None
 
-        every = share_map(score, range(len(self._shifts)), self._threads)
+        every = share_map(score, range(len(self._shifts)), self._score.threads)
         described = [each for each in every if each is not None]
         costs = np.full(len(every), np.inf)
         costs[[each is not None for each in every]] = sum(
@@ -266,26 +241,29 @@ class _Clock:
         """Return the candidates that are likelier than their neighbours; the likeliest ones, with the best first."""
         padded = np.pad(costs, 1, constant_values=np.inf)
         (minima,) = np.nonzero((costs <= padded[:-2]) & (costs <= padded[2:]) & np.isfinite(costs))
-        likely: list[int] = minima[np.argsort(costs[minima])][:COMPARED].tolist()
+        likely: list[int] = minima[np.argsort(costs[minima])][:FITTED].tolist()
         return likely
 
     def _corrected(self, n: int) -> _Answer:
         """Return a candidate, corrected by the spectra and adjusted by the sharp pictures."""
-        score = self._score.under(self._shifted(float(self._shifts[n])), self._deviations)
+        score = self._score.under(self._shifted(float(self._shifts[n])))
         posterior = score.posterior
 
         def totals(places: Sequence[FloatArray]) -> list[float]:
-            return share_map(lambda place: score.over(place, self._score) - score.cost(place), places, self._threads)
+            return share_map(
+                lambda place: score.over(place, self._score) - score.cost(place), places, self._score.threads
+            )
 
         models = [[name for name in names if name in posterior.free] for names in MODELS]
-        places = share_map(lambda model: posterior.descend(score.nothing, model), models, self._threads)
+        places = share_map(lambda model: posterior.descend(score.nothing, model), models, self._score.threads)
         place = places[int(np.argmax(totals(places)))]
-        offset = posterior.directions(["offset"])
-        return self._answer(n, score, adjusted(place, totals, offset, lambda *_: None, steps=OFFSET_STEPS))
+        names, steps = ADJUSTMENTS["offset"]
+        axes = posterior.directions(names)
+        return self._answer(n, score, adjusted(place, totals, axes, lambda *_: None, steps=steps))
 
     def _searched(self, answer: _Answer, progress: Progress) -> _Answer:
         """Return an answer with the correction that the whole search finds, if it is credible and better."""
-        place, reason = Search(answer.score, self._threads).best(progress)
+        place, reason = Search(answer.score).best(progress)
         better = self._answer(answer.candidate, answer.score, place)
         return better if not reason and better.total > answer.total else answer
 
@@ -299,10 +277,7 @@ class _Clock:
 def _covered(recording: Recording, first: float, last: float) -> FloatArray:
     """Return the candidates that the log covers, s; steps are counted from `first`.
 
-    Raises
-    ------
-    InputError
-        If they span more than `MOST_SEARCH`.
+    InputError if they span more than `MOST_SEARCH`.
     """
     log, camera, exposure = recording.log, recording.camera, recording.exposure
     opens, closes = exposure.span(camera)

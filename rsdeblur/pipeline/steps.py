@@ -12,16 +12,7 @@ from numpy.typing import NDArray
 from rsdeblur.choices import DENOISERS, LINEAR_PRIORS
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
-from rsdeblur.estimate.check import (
-    BAD_LEAD,
-    BAD_RINGING,
-    BAD_TURN,
-    DOUBTFUL_LEAD,
-    DOUBTFUL_RINGING,
-    DOUBTFUL_TURN,
-    QualityCheck,
-    assess,
-)
+from rsdeblur.estimate.check import LEAD, RINGING, TURN, Bounds, QualityCheck, assess
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.clipping import keep_colours_near_clipped
@@ -219,12 +210,9 @@ def judged(
 def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> QualityCheck:
     """Blend `out`, which is upright like the picture, towards the input where its figures are bad, in linear light."""
     height = encoded.shape[0]
-    share = np.maximum(
-        _share(check.ringings, height, DOUBTFUL_RINGING, BAD_RINGING),
-        _share(check.leads, height, DOUBTFUL_LEAD, BAD_LEAD),
-    )
+    share = np.maximum(_share(check.ringings, height, RINGING), _share(check.leads, height, LEAD))
     if check.half_turn is not None:
-        share = np.maximum(share, _share((check.half_turn,), height, DOUBTFUL_TURN, BAD_TURN))
+        share = np.maximum(share, _share((check.half_turn,), height, TURN))
     sharp = EncodedImage(out, encoded.transfer)
     for top in range(0, height, BLENDED_ROWS):
         rows = slice(top, min(top + BLENDED_ROWS, height))
@@ -234,11 +222,11 @@ def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> 
     return replace(check, blended=True)
 
 
-def _share(figures: tuple[float, ...], height: int, doubtful: float, bad: float) -> FloatArray:
-    """Return the share of the input in every row, from the figures of equal parts: 0 at `doubtful`, 1 at `bad`."""
+def _share(figures: tuple[float, ...], height: int, bounds: Bounds) -> FloatArray:
+    """Return the share of the input in every row, from the figures of equal parts: 0 where doubtful, 1 where bad."""
     if not figures:
         return np.zeros(height)
-    shares = ((np.array(figures) - doubtful) / (bad - doubtful)).clip(0.0, 1.0)
+    shares = ((np.array(figures) - bounds.doubtful) / (bounds.bad - bounds.doubtful)).clip(0.0, 1.0)
     centres = (np.arange(len(figures)) + 0.5) * height / len(figures) - 0.5
     each_row: FloatArray = np.interp(np.arange(height), centres, shares)
     return each_row

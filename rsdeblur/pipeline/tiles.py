@@ -10,7 +10,7 @@ import numpy as np
 from rsdeblur._util import validate
 from rsdeblur.choices import Count, Mode
 from rsdeblur.errors import InputError
-from rsdeblur.estimate.blur_spectra import KERNELS
+from rsdeblur.estimate.strength import KERNELS
 from rsdeblur.motion.arguments import check_reach
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.pipeline.options import Options

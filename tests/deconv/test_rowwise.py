@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from rsdeblur.deconv import DerivativePrior, RowBlur, RowDeconvolver
-from rsdeblur.estimate.blur_spectra import LENS
+from rsdeblur.estimate.strength import LENS
 from rsdeblur.simulation.scene import scene
 from tests.deconv.test_rowwise_blur import H, W, still_paths, wavy_paths
 

@@ -53,7 +53,7 @@ def found(request):
     light = np.concatenate([halves[0][:, :256], halves[1][:, 256:]], axis=1).mean(axis=2)
     deviations = Uncertainty().deviations(CAMERA, EXPOSURE)
     score = Score.of_photos([light], [true], deviations, 1)
-    return nearer, score, DriftByRegion(score, deviations, 1)
+    return nearer, score, DriftByRegion(score)
 
 
 def place(**values):

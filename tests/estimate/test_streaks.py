@@ -66,6 +66,6 @@ def test_the_search_follows_them(glints):
     """Spectra and sharp picture of six points on grey prove little; their trails do."""
     deviations = Uncertainty(drift=0.01, scale=0.0).deviations(CAMERA, EXPOSURE)
     score = Score.of_photos([glints], [WRONG], deviations, 1)
-    drifts = [place[0, 1:3] * deviations[1:3] for place in Search(score, 1)._followed(lambda *_: None)]
+    drifts = [place[0, 1:3] * deviations[1:3] for place in Search(score)._followed(lambda *_: None)]
     assert len(drifts) == 2
     np.testing.assert_allclose(drifts[0], (-6.0, -5.0), atol=1.0)  # px, of a trail of 20 px

@@ -12,8 +12,8 @@ from benchmarks.phone import phone_photo
 from rsdeblur import Deconvolver, InputError, PsfBank, scene, to_linear
 from rsdeblur.deconv.priors import DerivativePrior
 from rsdeblur.deconv.quadratic import TileQuadratic
-from rsdeblur.estimate import floors
 from rsdeblur.estimate import strength as tuning
+from rsdeblur.estimate.noise import measure_floors
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.motion import BlurPaths
 
@@ -27,7 +27,7 @@ def kernel(size: tuple[int, int] = (9, 15), seed: int = 1) -> np.ndarray:
 
 @pytest.fixture(autouse=True)
 def no_lens(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rsdeblur.estimate.blur_spectra.LENS", 0.0)
+    monkeypatch.setattr("rsdeblur.estimate.strength.LENS", 0.0)
 
 
 @pytest.fixture
@@ -124,7 +124,7 @@ def test_processing_is_no_large_error_of_a_small_motion(size: int) -> None:
     photo = phone_photo(scene(256, 384), 0)
     light = to_linear(photo.astype(np.float32) / np.float32(255), "srgb")
     bank = PsfBank.for_picture(np.full((1, size), 1 / size, np.float32), light.shape)
-    tuned, measured = Tuning.of(light, bank), floors.measure_floors(light, bank)
+    tuned, measured = Tuning.of(light, bank), measure_floors(light, bank)
     assert measured is not None
     bound = max(0.25 * tuned.radius, 0.15) ** 2
     error = tuning.ABSORBED_BY_EXACT**2 * measured.path_error
