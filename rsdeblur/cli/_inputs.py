@@ -22,7 +22,7 @@ from rsdeblur.cli._log import (
     warn_of_axes,
 )
 from rsdeblur.cli._options import ONE_OF_MANY, Recording, flag, refuse_given
-from rsdeblur.cli._output import LOG, printable, progress
+from rsdeblur.cli._output import LOG, printable, progress, warn
 from rsdeblur.errors import CoverageError, FileFormatError, InputError
 
 # Frames by which telemetry and video may differ.
@@ -49,10 +49,30 @@ def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False) ->
     return Inputs(rs.read_picture(photo, in_place=in_place), log, camera, exposure)
 
 
+def completed(recording: Recording, photo: Path) -> Recording:
+    """Return the recording with what a photo's EXIF block gives where no option does: the camera, and the moment."""
+    start = recording.start
+    if all(each is None for each in (recording.capture, start, recording.start_ns)):
+        exif = rs.Exif(rs.read_header(photo)[2])
+        with suppress(InputError):
+            rs.capture_time(exif)
+            start = "exif"
+    return replace(recording, camera=recording.camera or photo, start=start)
+
+
 def photo_gravity(photo: Path, inputs: Inputs, recording: Recording) -> Gravity:
     """Return the direction of gravity in a photo; warn where it contradicts the camera's axes."""
     bottom = bottom_of_photo(inputs.picture.exif)
     return gravity_of(photo, bottom, recording, inputs.camera, [inputs.exposure])
+
+
+def with_axes_of(gravity: Gravity, inputs: Inputs, photo: Path) -> Inputs:
+    """Return the inputs with the axes that fit gravity, if there is one name for them."""
+    if len(gravity.fits) != 1:
+        return inputs
+    (name,) = gravity.fits
+    warn(f"{photo}: deblurred with the axes {name}; if it is not upright, --refine keeps those of the camera file")
+    return inputs._replace(camera=replace(inputs.camera, imu_to_camera=rs.imu_to_camera(name)))
 
 
 def with_offset(inputs: Inputs, photo: Path) -> Inputs:

@@ -112,13 +112,13 @@ def _session(folder: Path, defaults: Recording, output: Path) -> Iterator[Item]:
 
 def _named(photos: Sequence[Path], defaults: Recording) -> Iterator[Item]:
     """Return items of photos that share a log; their results have their names."""
-    if defaults.start == "exif":
+    if defaults.start == "exif" or (defaults.capture is None and defaults.start is None):
         for path in photos:
-            yield _item(path, Path(result_name(path).name), {}, defaults)
+            yield _item(path, Path(result_name(path).name), {"start": "exif"}, defaults)
     elif defaults.capture is None:
         raise click.UsageError(
-            f"{len(photos)} photos, but no exposure is given; use --start exif, or --capture with photos named after "
-            "their timestamps or frame numbers"
+            f"{len(photos)} photos, but one exposure; leave out --start for times from EXIF, or give --capture with "
+            "photos named after their timestamps or frame numbers"
         )
     else:
         numbered = rs.indices_of(list(photos), defaults.capture, numbered_from=defaults.numbered_from)
@@ -226,10 +226,10 @@ def _item(photo: Path, result: Path, own: dict[str, Any], defaults: Recording) -
     # replaces that of the defaults.
     if "capture" not in own and ((has_moment and "index" not in own) or recording.start == "exif"):
         recording = replace(recording, capture=None)
-    for name in ("gyro", "camera"):
-        if getattr(recording, name) is None:
-            return Item(photo, result, None, f"{photo}: no {name} file; give it in the column {name} or with --{name}")
-    return Item(photo, result, recording)
+    if recording.gyro is None:
+        return Item(photo, result, None, f"{photo}: no gyro file; give it in the column gyro or with --gyro")
+    # Without a camera file, the photo's EXIF block gives the camera.
+    return Item(photo, result, recording if recording.camera else replace(recording, camera=photo))
 
 
 def result_name(photo: Path) -> Path:

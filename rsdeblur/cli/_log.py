@@ -17,6 +17,8 @@ from rsdeblur.errors import RsdeblurError
 
 # Angle (rad) from which gravity does not point to the bottom of a picture, and that from which it points to its top.
 ASIDE, TOP = math.radians(50), math.radians(130)
+# Cosine of the angle to a phone's z axis beyond which its camera cannot look.
+LEAST_ALONG_Z = 0.7
 # Formats whose accelerometers show the same sign on all devices. Raw values of iOS have the opposite one, which looks
 # like a picture upside down.
 ONE_SIGN = "mars", "deepgyro"
@@ -102,10 +104,14 @@ def bottom_of_clip(matrix: tuple[int, ...] | None) -> float | None:
 
 
 class Gravity(NamedTuple):
-    """Whether gravity points to the bottom of the picture, or elsewhere; neither where the direction is unknown."""
+    """Whether gravity points to the bottom of the picture, or elsewhere; neither where the direction is unknown.
+
+    `fits` are names of axes with which it points to the bottom, where those of the camera cannot be right.
+    """
 
     confirms: bool = False
     contradicts: bool = False
+    fits: tuple[str, ...] = ()
 
 
 def gravity_of(
@@ -122,13 +128,19 @@ def gravity_of(
     if log is None or bottom is None:
         return Gravity()
     angle = _turn(log, camera, exposures, bottom)
-    if angle is None or abs(angle) < ASIDE:
-        return Gravity(confirms=angle is not None)
     file, _ = known_log(recording)
-    if abs(angle) > TOP and file.format not in ONE_SIGN:
+    # Cameras of phones look along their z axis.
+    along_edge = file.axes == "phone" and abs(camera.imu_to_camera[2, 2]) < LEAST_ALONG_Z
+    if along_edge:
+        doubt = f"the camera would look along an edge of the phone that logged {recording.gyro}"
+    elif angle is None or abs(angle) < ASIDE:
+        return Gravity(confirms=angle is not None)
+    elif abs(angle) > TOP and file.format not in ONE_SIGN:
         return Gravity()
-    side = "top" if abs(angle) > TOP else "right" if angle > 0 else "left"
-    fits = " or ".join(
+    else:
+        side = "top" if abs(angle) > TOP else "right" if angle > 0 else "left"
+        doubt = f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {picture}"
+    fits = tuple(
         name
         for name in rs.PRESETS
         if (file.axes == "sensor" or name.startswith(file.axes))
@@ -136,10 +148,10 @@ def gravity_of(
         and abs(turn) < ASIDE
     )
     warn(
-        f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {picture}: if the picture "
-        f"is viewed upright, imu_to_camera in {recording.camera} is wrong" + (f" ({fits} fits)" if fits else "")
+        f"{doubt}: if the picture is viewed upright, imu_to_camera in {recording.camera} is wrong"
+        + (f" ({' or '.join(fits)} fits)" if fits else "")
     )
-    return Gravity(contradicts=True)
+    return Gravity(contradicts=True, fits=fits)
 
 
 def _turn(log: rs.AccelerationLog, camera: rs.Camera, exposures: Sequence[rs.Exposure], bottom: float) -> float | None:

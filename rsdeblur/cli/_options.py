@@ -303,7 +303,9 @@ def require(recording: Recording, *names: str) -> None:
     """Raise `click.UsageError` if options of the recording are missing."""
     missing = [flag(name) for name in names if getattr(recording, name) is None]
     if missing:
-        raise click.UsageError(f"{' and '.join(missing)} missing: give a gyro log and a camera")
+        raise click.UsageError(
+            f"{' and '.join(missing)} missing: give a gyro log" + " and a camera" * ("camera" in names)
+        )
 
 
 transfer_option = _option_of(Options.__dataclass_fields__["transfer"], required=False)

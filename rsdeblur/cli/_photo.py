@@ -24,6 +24,7 @@ from rsdeblur.cli._inputs import (
     read_recording,
     transfer_of,
     translation_of,
+    with_axes_of,
     with_offset,
 )
 from rsdeblur.cli._log import Gravity
@@ -89,10 +90,13 @@ def prepare(
         picture: Any = None
         inputs = Inputs(picture, *read_recording(recording))
     else:
-        if inputs is None:
-            inputs = read_inputs(photo, recording, in_place=options.max_memory is not None)
-            inputs = with_offset(inputs, photo) if recording.start == "exif" else inputs
+        is_timed = inputs is not None or recording.start != "exif"
+        inputs = inputs or read_inputs(photo, recording, in_place=options.max_memory is not None)
         gravity = photo_gravity(photo, inputs, recording)
+        if gravity.contradicts and not refine_anyway:
+            given, inputs = inputs, with_axes_of(gravity, inputs, photo)
+            gravity = gravity if inputs is given else Gravity(confirms=True)
+        inputs = inputs if is_timed else with_offset(inputs, photo)
         options = replace(options, transfer=transfer_of(inputs.picture, options.transfer))
     # With wrong axes, a correction may make the motion more like the right one, but never right.
     if options.refine and gravity.contradicts and not refine_anyway:
@@ -123,7 +127,7 @@ class PhotoJob:
 def check_sources(context: click.Context, recording: Recording, psf: Path | None) -> None:
     """Raise `click.UsageError` unless the blur comes either from a recording or from a file of PSFs."""
     if psf is None:
-        require(recording, "gyro", "camera")
+        require(recording, "gyro")
         return
     blur = [each.name for each in fields(Options) if each.metadata.get("section") == BLUR]
     # Kernels have no half colours, and results are not checked.

@@ -113,7 +113,7 @@ def compare_modes(
     """Deblur `photo` in each mode, write the pictures and the results into the folder of `target`, and print them."""
     with capture_warnings() as texts:
         # Only --refine refines here, so it is always asked for.
-        ready = prepare(photo, recording, options)
+        ready = prepare(photo, recording, options, refine_anyway=options.refine)
         picture, transfer = ready.inputs.picture, transfer_of(ready.inputs.picture, ready.options.transfer)
         sharp = None if truth is None else _read_truth(truth, photo, picture, options.transfer)
         # Options that a mode does not take are refused before the first mode is solved.

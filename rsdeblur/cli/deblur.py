@@ -9,6 +9,7 @@ import click
 
 from rsdeblur.choices import SHARP
 from rsdeblur.cli import _options, batch
+from rsdeblur.cli._inputs import completed
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._options import RECORDING, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import progress, refuse_inputs
@@ -19,7 +20,7 @@ from rsdeblur.pipeline.options import Options
 EXAMPLES = """\b
 Examples:
   rsdeblur deblur photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20
-  rsdeblur deblur a.jpg b.jpg --gyro Gyroscope.csv --camera phone.toml --start exif -o sharp
+  rsdeblur deblur a.jpg b.jpg --gyro Gyroscope.csv
   rsdeblur deblur photo.png --psf kernel.png
 """
 
@@ -61,7 +62,8 @@ def command(
 ) -> None:
     """Deblur each PHOTO by a gyro log, a camera and an exposure, or by a kernel.
 
-    Metadata, colour profile and bit depth are kept. Several photos are handled as by `rsdeblur batch`.
+    What no option gives of camera and exposure comes from the EXIF block. Metadata, colour profile and bit depth are
+    kept. Several photos are handled as by `rsdeblur batch`.
     """
     if len(photos) > 1:
         if psf is not None:
@@ -71,7 +73,7 @@ def command(
     (photo,) = photos
     check_sources(click.get_current_context(), recording, psf)
     if psf is None:
-        options = _options.with_refinement(options, refine)
+        recording, options = completed(recording, photo), _options.with_refinement(options, refine)
     output, name = target.output, result_name(photo).name
     # A folder need not exist: no picture is named without an extension.
     into_folder = output.is_dir() or not output.suffix

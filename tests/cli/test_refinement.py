@@ -83,7 +83,8 @@ def test_gravity_names_wrong_axes_which_are_not_refined(
     if side is not None:
         # "gyroflow" fits like "phone-landscape", but is for other logs.
         assert f"wrong ({ {1: 'phone-portrait', 6: 'phone-landscape'}[orientation] } fits)" in warned
-    run(*call, "--refine")
+        assert "deblurred with the axes phone-" in warned
+    assert "deblurred with" not in run(*call, "--refine").stderr
     # Other axes are only tried where gravity says nothing.
     assert refined == [side is None and orientation != 5]
     # `compare` sees the same.
