@@ -231,10 +231,7 @@ def _refinements(score: Score, *, known_axes: bool, progress: Progress) -> list[
         used = given if reason else found.recordings[n]
         refinements.append(
             Refinement(
-                used.log,
-                used.camera,
-                used.exposure,
-                used.translation,
+                *_parts(used),
                 accepted=not reason,
                 reason=reason,
                 values=Correction(*(found.place[n] * score.deviations).tolist()),
@@ -278,10 +275,13 @@ def _without_acceleration(uncertainty: Uncertainty) -> Uncertainty:
 
 def _unrefined(recording: Recording, deviations: FloatArray, reason: str) -> Refinement:
     """Return the recording as given."""
-    given = recording.log, recording.camera, recording.exposure, recording.translation
-    sd = Correction(*deviations.tolist())
-    nothing = Correction()
-    return Refinement(*given, accepted=False, reason=reason, values=nothing, sd=sd, confidence=0.0, gain=0.0, fall=0.0)
+    values, sd = Correction(), Correction(*deviations.tolist())
+    parts = _parts(recording)
+    return Refinement(*parts, accepted=False, reason=reason, values=values, sd=sd, confidence=0.0, gain=0.0, fall=0.0)
+
+
+def _parts(recording: Recording) -> tuple[GyroLog, Camera, Exposure, Translation | None]:
+    return recording.log, recording.camera, recording.exposure, recording.translation
 
 
 def exposures_of(exposure: Exposure | Sequence[Exposure]) -> list[Exposure]:

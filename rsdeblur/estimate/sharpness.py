@@ -14,8 +14,8 @@ motions. :class:`WholeSharpness`, for the few motions that a search finds, solve
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,9 +77,8 @@ class QuickSharpness:
         length = max(recording.capture().mean_length, 1.0)
         self._scale = scale_of(recording.camera, LONGEST_BLUR / length)
         light = upright(light, recording.camera, self._scale)
-        bank = self._bank(
-            recording, *(tile_centres(count, side) for count, side in zip(TILES, light.shape, strict=True))
-        )
+        rows, cols = (tile_centres(count, side) for count, side in zip(TILES, light.shape, strict=True))
+        bank = self._bank(recording, rows, cols)
         tuning = assumed(light[..., None], bank)
         self._tiles = _RepeatingTiles(light, bank.size, nsr=tuning.border_error, softness=softness(self._scale))
         self._shares = contrast_shares(self._tiles.observed_parts)
@@ -104,7 +103,7 @@ class QuickSharpness:
 
     def tiles(self, recording: Moving) -> FloatArray:
         """Return what each tile contributes to that mean, shape (N,); errors where the log describes no motion."""
-        return self._under(self._tiles.otfs(self._bank(recording, *self._tiles.centres).kernels))
+        return self._under(self._otfs(recording))
 
     def half_turn(self, recording: Moving, own: float | None = None) -> float:
         """Return by how much that falls if the motion is turned by half a turn about the optical axis.
@@ -115,8 +114,8 @@ class QuickSharpness:
         if min(recording.camera.width, recording.camera.height) < LEAST_TURNED:
             return 0.0
         # A PSF turned by half a turn has the conjugate OTF.
-        turned = self._under(self._tiles.otfs(self._bank(recording, *self._tiles.centres).kernels).conj())
-        return (self.of(recording) if own is None else own) - float(turned.sum())
+        turned = float(self._under(self._otfs(recording).conj()).sum())
+        return (self.of(recording) if own is None else own) - turned
 
     def under_others(
         self, recording: Moving, others: Sequence[FloatArray | float], *, threads: int | None = 1
@@ -138,8 +137,11 @@ class QuickSharpness:
 
         return share_map(measure, others, threads)
 
+    def _otfs(self, recording: Moving) -> ComplexArray:
+        return self._tiles.otfs(self._bank(recording, *self._tiles.centres).kernels)
+
     def _under(self, otfs: ComplexArray) -> FloatArray:
-        solver = self._tiles.solver(otfs)
+        solver = _RepeatingSolver(self._tiles, otfs)
         *_, last = self._prior.steps(solver, penalties=PENALTIES, ahead=0.0, threads=1)
         return self._shares * concentrations(self._tiles.parts(last.latent))
 
@@ -186,64 +188,55 @@ class _RepeatingTiles:
     def __init__(self, light: NDArray[np.float32], size: tuple[int, int], *, nsr: float, softness: float) -> None:
         sides = list(zip(light.shape, TILES, size, strict=True))
         fades = [int(min(FADE * reach, MOST_FADE * side)) for side, _, reach in sides]
-        self._shape = tuple(
+        self.shape = tuple(
             min(fft.next_fast_len(-(-(side - 2 * fade) // count) + fade, real=True), side - fade)
             for (side, count, _), fade in zip(sides, fades, strict=True)
         )
-        spans = [period + fade for period, fade in zip(self._shape, fades, strict=True)]
+        spans = [period + fade for period, fade in zip(self.shape, fades, strict=True)]
         tops, lefts = (
             np.round(np.linspace(0, side - span, count)).astype(np.intp)
             for (side, count, _), span in zip(sides, spans, strict=True)
         )
         self.centres = tops + (spans[0] - 1) / 2, lefts + (spans[1] - 1) / 2
         self._parts = tuple(
-            slice(fade - fade // 2, period - fade // 2) for fade, period in zip(fades, self._shape, strict=True)
+            slice(fade - fade // 2, period - fade // 2) for fade, period in zip(fades, self.shape, strict=True)
         )
         tiles = np.lib.stride_tricks.sliding_window_view(light, spans)[np.ix_(tops, lefts)].reshape(-1, *spans)
         for axis, fade in enumerate(fades, 1):
             tiles = _faded(tiles, axis, fade)
         #: What the tiles show of the blurred picture, shape (N, h, w).
         self.observed_parts = self.parts(tiles)
-        self._observed: NDArray[np.complex64] = fft.rfft2(tiles)
-        self._nsr = np.float32(nsr)
+        self.observed: NDArray[np.complex64] = fft.rfft2(tiles)
+        self.nsr = np.float32(nsr)
         # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
-        frequencies = fft.fftfreq(self._shape[0]), fft.rfftfreq(self._shape[1])
+        frequencies = fft.fftfreq(self.shape[0]), fft.rfftfreq(self.shape[1])
         squared = np.add.outer(*(np.square(f) for f in frequencies))
         self._softening = np.exp(-0.5 * (2 * np.pi * softness) ** 2 * squared).astype(np.float32)
-        self._differences = np.add.outer(*(4 * np.sin(np.pi * f) ** 2 for f in frequencies)).astype(np.float32)
+        self.differences = np.add.outer(*(4 * np.sin(np.pi * f) ** 2 for f in frequencies)).astype(np.float32)
 
     def otfs(self, kernels: NDArray[np.float32]) -> ComplexArray:
         """Return the OTFs of all tiles, shape (N, H, F), from their PSFs, shape (B, S, kh, kw)."""
         bands, strips, height, width = kernels.shape
-        grid = wrapped(kernels, self._shape).reshape(bands * strips, *self._shape)
+        grid = wrapped(kernels, self.shape).reshape(bands * strips, *self.shape)
         centred = np.roll(grid, (-(height // 2), -(width // 2)), axis=(1, 2))
         otfs: ComplexArray = self._softening * fft.rfft2(centred)
         return otfs
 
-    def solver(self, otfs: ComplexArray) -> _RepeatingSolver:
-        """Return the solver under the OTFs of all tiles."""
-        power = np.square(otfs.real) + np.square(otfs.imag) + self._nsr
-        data = (1 + self._nsr) * otfs.conj() * self._observed
-        return _RepeatingSolver(data, power, self._differences, self._shape)
-
     def parts(self, latent: FloatImage) -> FloatImage:
         """Return what the tiles show of the picture, without the ends that fade, shape (N, h, w)."""
-        return latent.reshape(-1, *self._shape)[:, *self._parts]
+        return latent.reshape(-1, *self.shape)[:, *self._parts]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class _RepeatingSolver:
-    """Solver of N tiles that repeat; its latent picture is a column of all of them, each of `shape`.
+    """Solver of tiles that repeat, under their OTFs; its latent picture is a column of all of them."""
 
-    `data` are the right-hand sides of the normal equations without a prior, `power` their factors, both (N, H, F), and
-    `differences` is |D|^2, (H, F).
-    """
+    periodic = True
 
-    data: NDArray[np.complex64]
-    power: NDArray[np.float32]
-    differences: NDArray[np.float32]
-    shape: tuple[int, ...]
-    periodic: ClassVar[bool] = True
+    def __init__(self, tiles: _RepeatingTiles, otfs: ComplexArray) -> None:
+        self._tiles = tiles
+        # Factors and right-hand sides of the normal equations without a prior.
+        self._power = np.square(otfs.real) + np.square(otfs.imag) + tiles.nsr
+        self._data = (1 + tiles.nsr) * otfs.conj() * tiles.observed
 
     def solve(
         self,
@@ -254,16 +247,17 @@ class _RepeatingSolver:
         out: FloatImage | None = None,
     ) -> FloatImage:
         """Return the minimiser, see :class:`rsdeblur.deconv.priors.QuadraticSolver`."""
-        inverse = 1 / (self.power + np.float32(beta) * coupling.response(self.differences))
+        shape = self._tiles.shape
+        inverse = 1 / (self._power + np.float32(beta) * coupling.response(self._tiles.differences))
         if pull is None:
-            signal = self.data * inverse
+            signal = self._data * inverse
         else:
-            signal = fft.rfft2(pull.reshape(-1, *self.shape))
+            signal = fft.rfft2(pull.reshape(-1, *shape))
             signal *= np.float32(beta)
-            signal += self.data
+            signal += self._data
             signal *= inverse
-        latent = fft.irfft2(signal, self.shape, overwrite_x=True)
-        return np.ascontiguousarray(latent.reshape(-1, self.shape[1], 1))
+        latent = fft.irfft2(signal, shape, overwrite_x=True)
+        return np.ascontiguousarray(latent.reshape(-1, shape[1], 1))
 
 
 def _faded(tiles: NDArray[np.float32], axis: int, fade: int) -> NDArray[np.float32]:

@@ -1,19 +1,9 @@
 """Strength of the regularisation, `nsr` and `weight`, from the picture's noise and the blur.
 
-The gradient of the scene is assumed to have an even spectrum, which the lens then softens (L). So the spectrum of the
-sharp picture is `S = E L / |D|^2`, where `|D|^2` is the squared frequency response of the differences, and E is the
-energy of the gradient. E follows from the gradient of the blurred picture and from the share of it that the PSFs leave.
-Three things act as noise:
-
-- Noise of the sensor and of the file format, with a variance `sigma^2` of its own in each octave.
-- Errors of the blur's model. A path with an error of e px changes H by up to `2 pi f e` at the frequency f, which adds
-  `e^2 |D|^2 S`.
-- Errors of the continuation beyond the frame, in proportion to the signal: `b S`.
-
-The expected squared error of a filter is a sum over frequencies; the Wiener filter and the gradient prior get the
-strengths that minimise it. A single filter for the whole picture is applied to other PSFs than its own, and the errors
-that this makes are included. The weights of the sparse priors follow from that of the gradient prior, with the powers
-of brightness that their exponents require.
+The sharp picture is assumed to have the spectrum `S = E L / |D|^2`: an even one of its gradient, of energy E, which the
+lens softens (L). Noise of the sensor and the file format, errors of the paths (`e^2 |D|^2 S`) and of the continuation
+beyond the frame (`b S`) act as noise. The Wiener filter and the gradient prior get the strengths with the least
+expected squared error, a sum over frequencies; those of the sparse priors follow (docs/theory/priors.md, Strengths).
 """
 
 from __future__ import annotations
@@ -262,15 +252,7 @@ class Tuning:
         return self._best(lambda weight: self.border_error + weight * self.spectra.gradient)
 
     def weight(self, prior: Prior, exponent: float) -> float:
-        """Return the weight of a prior on derivatives.
-
-        Parameters
-        ----------
-        prior : {"gradient", "tv", "hyper-laplacian"}
-            The prior.
-        exponent : float
-            Exponent of the hyper-Laplacian, in (0, 1]; the other priors ignore it.
-        """
+        """Return the weight of a prior on derivatives; only the hyper-Laplacian has an exponent, in (0, 1]."""
         kind = KINDS[validate.choice("prior", prior, DERIVATIVE_PRIORS)]
         weight = self.gradient_weight
         if kind.sparsity is None:
@@ -284,11 +266,7 @@ class Tuning:
     def wavelet(self, weight: float | None = None) -> WaveletPrior:
         """Return the learned prior for the picture, for a solver whose `nsr` is at least 0.003, as it was learned with.
 
-        Parameters
-        ----------
-        weight : float, optional
-            Weight of the prior, from 1e-20 to 1e20; default :attr:`gradient_weight`. A larger one means
-            more noise.
+        A larger weight than :attr:`gradient_weight`, the default, means more noise.
         """
         spectra, suited = self.spectra, self.gradient_weight
         weight = suited if weight is None else validate.strength("weight", weight)
@@ -306,8 +284,7 @@ class Tuning:
     @property
     def denoiser_weight(self) -> float:
         """Weight of :class:`rsdeblur.deconv.PlugAndPlayPrior`, from the variance of noise and model errors together."""
-        variance = float(self._noise_spectrum.mean())
-        return _strength(WEIGHT_OF_VARIANCE * variance)
+        return _strength(WEIGHT_OF_VARIANCE * float(self._noise_spectrum.mean()))
 
     @property
     def _noise_alone(self) -> float:
