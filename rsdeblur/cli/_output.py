@@ -139,7 +139,7 @@ def linked(message: str) -> str:
     if not pages or pages[0] in shown:
         return message
     shown.add(pages[0])
-    return f"{message}; see {_address(*pages[0].partition('#'))}"
+    return f"{message.rstrip('.')}; see {_address(*pages[0].partition('#'))}"
 
 
 def _address(page: str, mark: str, anchor: str) -> str:

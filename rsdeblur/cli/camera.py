@@ -16,7 +16,7 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, transfer_of
 from rsdeblur.cli._options import Command, Target, option
 from rsdeblur.cli._output import check_camera_file
-from rsdeblur.cli._types import COUNT, PATH, POSITIVE, READOUT, SECONDS, SIZE, NumberType, TextType, numbers
+from rsdeblur.cli._types import COUNT, PATH, POSITIVE, READOUT, SECONDS, SIZE, NumberType, TextType, box, numbers
 from rsdeblur.cli.info import camera_facts, lines_of
 from rsdeblur.errors import InputError
 
@@ -32,6 +32,7 @@ Examples:
 """
 
 
+BOX = TextType("WxH+X+Y", partial(box, pattern=r"(\d+)x(\d+)\+(\d+)\+(\d+)", example="1920x1080+960+540"))
 NUMBERS = TextType("A,B,...", partial(numbers, example="1.5,2,-3"))
 # Values that calibration files do not contain.
 settings = _options.together(
@@ -129,6 +130,7 @@ def new(
     type=COUNT,
     help="Width of the whole sensor in px, if the focal length of MARS logger refers to it.",
 )
+@option("--crop", type=BOX, help="Part of the picture that is kept.")
 @option("--turn", type=click.IntRange(0, 3), default=0, help="Quarter turns clockwise from that picture to yours.")
 @settings
 @_options.target_options(
@@ -141,9 +143,9 @@ def import_(source: Path, format: str | None, focal35: float | None, target: Tar
 
     SOURCE is a camera file of rsdeblur, a lens profile of Gyroflow, a YAML file of Kalibr, MARS logger's
     movie_metadata.csv, a .gcsv log, a video with telemetry, or a picture with an EXIF block. The picture is
-    resized to --size, then turned by --turn; the other options replace values.
+    resized to --size, then cropped and turned; the other options replace values.
     """
-    turn = values.pop("turn")
+    crop, turn = values.pop("crop"), values.pop("turn")
     reading = {name: values.pop(name) for name in ("size", "name", "fps", "focal_length", "sensor_width")}
     if focal35 is not None:
         if reading["size"] is None or reading["focal_length"] is not None:
@@ -151,6 +153,9 @@ def import_(source: Path, format: str | None, focal35: float | None, target: Tar
         reading["focal_length"] = pixels_of_focal35(focal35, reading["size"])
     file = rs.open_camera(source, format, **reading)
     camera = file.camera
+    if crop is not None:
+        width, height, left, top = crop
+        camera = camera.cropped(left, top, width, height)
     for _ in range(turn):
         camera = camera.turned()
     _write(replace(file, camera=camera).with_overrides(**values), target)

@@ -52,7 +52,7 @@ def test_photos_with_json_and_report(run, burst: Path, tmp_path: Path) -> None:
 
 
 def test_options_of_deblur_work_for_bursts(run, burst: Path, tmp_path: Path) -> None:
-    options = ["--refine", "--motion", "small-angle", "--border", "periodic", "--saturation", "always"]
+    options = ["--refine", "--border", "periodic", "--saturation", "always", "--softness", "0.3"]
     call = arguments(burst, "--frames", "0:2", "-o", tmp_path / "out.png", "--force", *options)
     result = run(*call)
     assert result.exit_code == 0, result.output

@@ -65,15 +65,15 @@ def test_a_camera_file_is_called_toml(run: Run, files: Files, tmp_path: Path) ->
         assert not out.exists()
 
 
-def test_import_resizes_and_turns(run: Run, tmp_path: Path) -> None:
+def test_import_resizes_crops_and_turns(run: Run, tmp_path: Path) -> None:
     source, out = tmp_path / "a.toml", tmp_path / "b.toml"
     camera = Camera(400, 300, 410.0, readout_time=0.02, imu_to_camera="phone-landscape")
     camera.save(source)
-    steps = ("--size", "200x150", "--turn", 1, "--time-offset", "-5ms")
+    steps = ("--size", "200x150", "--crop", "100x80+20+30", "--turn", 1, "--time-offset", "-5ms")
     result = run("camera", "import", source, *steps, "-o", out)
     assert result.exit_code == 0, result.stderr
-    expected, found = camera.resized(200, 150).turned(), read_camera(out)
-    assert (found.width, found.height, found.focal_length) == (150, 200, expected.focal_length)
+    expected, found = camera.resized(200, 150).cropped(20, 30, 100, 80).turned(), read_camera(out)
+    assert (found.width, found.height, found.focal_length) == (80, 100, expected.focal_length)
     assert (found.readout_time, found.readout_direction) == (expected.readout_time, "right-left")
     np.testing.assert_allclose(found.imu_to_camera, imu_to_camera("phone-portrait"), atol=1e-15)
     assert found.time_offset == -0.005
