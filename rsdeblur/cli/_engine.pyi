@@ -53,6 +53,8 @@ from rsdeblur.io.captures import WHAT as WHAT
 from rsdeblur.io.captures import is_clocks as is_clocks
 from rsdeblur.io.captures import open_captures as open_captures
 from rsdeblur.io.captures import read_clocks as read_clocks
+from rsdeblur.io.columns import choice_for as choice_for
+from rsdeblur.io.columns import choices_of as choices_of
 from rsdeblur.io.exif import EXIF_ERROR as EXIF_ERROR
 from rsdeblur.io.exif import FILM_DIAGONAL as FILM_DIAGONAL
 from rsdeblur.io.exif import MAKE as MAKE

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import struct
+import sys
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any, BinaryIO
@@ -20,7 +21,7 @@ from rsdeblur._util.files import open_file
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io._sensor import AVIF_BRANDS, BRANDS
 from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds
-from rsdeblur.io.source import Format, Refused, Source, check_trusted
+from rsdeblur.io.source import Format, Refused, Source, check_trusted, mistaken
 
 # Four-character codes of GoPro that telemetry-parser does not name: readout time (ms), electronic stabilisation.
 GOPRO_READOUT, GOPRO_STABILISED, GOPRO_STABILISER = "0x53524f54", "0x45495345", "0x45495341"
@@ -77,9 +78,18 @@ def is_video(source: Source) -> bool:
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Keep the parser's messages about unusual files off the terminal."""
-    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
+    """Keep the messages of the parser's native code about unusual files off the terminal."""
+    sys.stdout.flush()
+    saved = [(stream, os.dup(stream)) for stream in (1, 2)]
+    try:
+        with open(os.devnull, "w") as nowhere:
+            for stream, _ in saved:
+                os.dup2(nowhere.fileno(), stream)
         yield
+    finally:
+        for stream, copy in saved:
+            os.dup2(copy, stream)
+            os.close(copy)
 
 
 Blocks = list[Mapping[str, Any]]
@@ -155,6 +165,17 @@ def _read_video(source: Source, sensor: AnySensor) -> Samples:
             "did, so its blur cannot be computed from the gyro alone; record without stabilisation"
         )
     return Samples(nanoseconds(times, error_at), rates, error_at, unit, "gyroflow", None, "ms", facts, cautions)
+
+
+def other_log(source: Source) -> Format[Samples] | None:
+    """Return the format of a log that only telemetry-parser knows, such as Betaflight's; None if it does not either."""
+    if mistaken(source) is not None or source.path.suffix.lower() == ".zip":
+        return None
+    try:
+        samples = _read_video(source, GYRO)
+    except FileFormatError:
+        return None
+    return Format("telemetry", "log that telemetry-parser reads", lambda _: True, lambda _: samples)
 
 
 def _facts(camera: str, blocks: Blocks) -> dict[str, Any]:

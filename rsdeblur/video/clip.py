@@ -274,7 +274,7 @@ def exposures_from_timestamps(
 
 
 def exposures_from_captures(
-    clip: Clip, path: str | os.PathLike[str], *, duration: float | None = None
+    clip: Clip, path: str | os.PathLike[str], *, duration: float | None = None, columns: str | None = None
 ) -> list[Exposure]:
     """Return the exposure of each frame from a logger's file with a line for each frame.
 
@@ -289,6 +289,8 @@ def exposures_from_captures(
         The capture file.
     duration : float, optional
         Exposure time in s; replaces the file's.
+    columns : str, optional
+        Columns of the file, see :func:`rsdeblur.read_captures`.
 
     Raises
     ------
@@ -303,7 +305,7 @@ def exposures_from_captures(
         If the file lists more frames, or its times differ from those of the video by half a frame interval or more.
     """
     path = checked_path(path)
-    file, count = open_captures(path), len(clip)
+    file, count = open_captures(path, columns), len(clip)
     listed = encoded_timestamps(path) or file.timestamps
     if len(listed) < count:
         raise FileFormatError(

@@ -49,6 +49,7 @@ SENSORLOGGER = "time,seconds_elapsed,z,y,x\n"
 PHONE = {
     "phyphox": (PHYPHOX, "{s},{x},{y},{z}", "phyphox"),
     "phyphox in another language": (ZEIT, "{s},{x},{y},{z}", "phyphox"),
+    "phyphox without the sensor": ("Time (s),X (rad/s),Y (rad/s),Z (rad/s)\n", "{s},{x},{y},{z}", "phyphox"),
     "spaces between tabs": (PHYPHOX.replace(",", "\t"), "{s}\t{x}\t{y}\t{z}", "phyphox"),
     "sensor logger": (SENSORLOGGER, "{t},-0.1,{z},{y},{x}", "sensorlogger"),
     "quoted cells": (SENSORLOGGER, '"{t}","0.1","{z}","{y}","{x}"', "sensorlogger"),
@@ -74,7 +75,6 @@ SENSOR = {
     "a bar": ("", "{t}|{x}|{y}|{z}", "plain"),
     "a separator at the end": ("", "{t},{x},{y},{z},", "plain"),
     "header behind a per cent sign": ("% t wx wy wz\n", "{t} {x} {y} {z}", "plain"),
-    "units of a gyro": ("Time (s),X (rad/s),Y (rad/s),Z (rad/s)\n", "{s},{x},{y},{z}", "plain"),
     "lines above the header": ("From an app\nDevice: phone\nts;gyro x;gyro y;gyro z\n", "{t};{x};{y};{z}", "plain"),
     "dates beside the timestamps": ("t\tdate\tgx\tgy\tgz\n", "{s}\t2024-01-01 10:00:00\t{x}\t{y}\t{z}", "plain"),
     "dates": ("timestamp,wx,wy,wz\n", "{d},{x},{y},{z}", "plain"),

@@ -35,10 +35,10 @@ def test_layouts(write: Write, text: str, format: str, axes: str) -> None:
     assert_contains_the_samples(write(text), format, axes)
 
 
-@pytest.mark.parametrize("last", ["1;0;0;0", "1,05;0;0;0"])
+@pytest.mark.parametrize("last", ["1;0;0;0", "1,005;0;0;0"])
 def test_decimal_commas_are_seen_in_any_row(write: Write, last: str) -> None:
-    log = read_gyro(write(f"t[s];gx;gy;gz\n0,9;0,1;0,2;0,3\n0,95;0,1;0,2;0,3\n{last}\n"))
-    assert log.epoch_ns == 900_000_000
+    log = read_gyro(write(f"t[s];gx;gy;gz\n0,98;0,1;0,2;0,3\n0,99;0,1;0,2;0,3\n{last}\n"))
+    assert log.epoch_ns == 980_000_000
     np.testing.assert_array_equal(log.omega[0], [0.1, 0.2, 0.3])
 
 
@@ -64,24 +64,22 @@ def test_spreadsheets_round_timestamps_but_keep_their_place(write: Write) -> Non
 
 
 @pytest.mark.parametrize("unit", [10**9, 10**6, 10**3, 1], ids=["s", "ms", "us", "ns"])
-@pytest.mark.parametrize("rate", [20, 8000])
-def test_the_slowest_and_the_fastest_gyro_are_recognised_in_all_units(write: Write, unit: int, rate: int) -> None:
+@pytest.mark.parametrize("rate", [50, 1990])
+def test_usual_rates_are_recognised_in_all_units(write: Write, unit: int, rate: int) -> None:
     step = Decimal(10**9) / rate / unit
     log = read_gyro(write("".join(f"{i * step:f} 0 0 {i}\n" for i in range(4))))
-    # float64 arithmetic of the median spacing: a few units in the last place
-    assert log.rate == pytest.approx(rate, rel=1e-12)
+    # timestamps are rounded to ns
+    assert log.rate == pytest.approx(rate, rel=1e-5)
 
 
 def test_what_may_be_wrong_is_warned_about(write: Write) -> None:
     """The laws of late and repeated samples are those of test_log_properties.py."""
-    steps = {"s": 5, "ms": 0.005, "ns": 5}
-    tables = {unit: "".join(f"{step * i:.3f},0.1,0.2,0.3\n" for i in range(50)) for unit, step in steps.items()}
     lines = [f"{i / 100} 0 0 {i / 100}" for i in range(200)]
     warnings = {
-        "degrees": "0,100,0,0\n0.01,100,0,0\n",
+        "degrees": "t,gx[rad/s],gy[rad/s],gz[rad/s]\n0,100,0,0\n0.01,100,0,0\n",
+        "sampled at 20 Hz": "0,0,0,0\n0.05,0,0,0\n",
         "1 samples came late": "\n".join([*lines[:50], lines[51], lines[52], lines[50], *lines[53:]]),
         "1 repeated samples were dropped": "\n".join([*lines[:50], lines[49], *lines[50:]]),
-        **{f"in {unit} mean a sampling rate": f"t[{unit}],gx,gy,gz\n{table}" for unit, table in tables.items()},
     }
     for message, text in warnings.items():
         with pytest.warns(RsdeblurWarning, match=message):
@@ -97,20 +95,18 @@ def test_a_log_without_timestamps_needs_the_sampling_rate(write: Write) -> None:
         np.testing.assert_array_equal(log.omega, RATES * factor)
         with pytest.raises(FileFormatError, match="give the sampling rate"):
             read_gyro(path)
-    for rate in (-1.0, 9000.0, np.nan):
+    for rate in (-1.0, 11000.0, np.nan):
         with pytest.raises(InputError, match="rate must be"):
             read_gyro(path, rate=rate)
     with pytest.raises(FileFormatError, match="contains timestamps"):
         read_gyro(write(rows("{t},{x},{y},{z}")), rate=200.0)
 
 
-def test_the_user_says_that_x_y_and_z_are_rates(write: Write) -> None:
+def test_a_table_like_another_kind_prints_the_option_that_reads_it(write: Write) -> None:
     path = write("t_us,x,y,z\n0,1,2,3\n5000,1,2,3\n")
-    with pytest.raises(FileFormatError, match=r"looks like a trajectory .* --gyro-format"):
+    with pytest.raises(FileFormatError, match=r"looks like a trajectory .* --columns t=1,gx=2,gy=3,gz=4"):
         read_gyro(path)
-    np.testing.assert_array_equal(read_gyro(path, "plain").omega, [[1, 2, 3], [1, 2, 3]])
-    with pytest.raises(FileFormatError, match="another sensor"):
-        read_gyro(path.rename(path.with_name("accelerometer.csv")), "plain")
+    np.testing.assert_array_equal(read_gyro(path, columns="t=1,gx=2,gy=3,gz=4").omega, [[1, 2, 3], [1, 2, 3]])
 
 
 @pytest.mark.parametrize("name", ["Accelerometer.csv", "VID_1gravity.csv", "Magnetometer.csv", "VID_1accel.csv"])

@@ -162,9 +162,11 @@ GYRO: list[Fault] = [
     ("# one\n0.0,1,2,3\n", 2, "at least 2 samples"),
     ("0.00,1,2,3\n0.01,1,2,1e200\n0.02,1,2,3\n", 2, "impossible rates"),
     ("a,b\n1,2\n", 1, "unknown gyro log format"),
-    ("0,1,2,3,4\n1,1,2,3,4\n", 1, "known formats: .*gcsv .*mars .*deepgyro .*plain"),
+    ("0,1,2,3,4\n1,1,2,3,4\n", 1, "columns are 1 0, 2 1, .*--columns t="),
     ("t,wx[rpm],wy[rpm],wz[rpm]\n" + GOOD, 1, "unknown gyro log format"),
-    ("time_ms,rot_x,rot_y,rot_z\n0,1,2,3\n5,1,2,3\n", 1, "name the columns"),
+    ("time_ms,rot_x,rot_y,rot_z\n0,1,2,3\n5,1,2,3\n", 1, "--columns t=1,gx=2,gy=3,gz=4"),
+    *((f"t[{unit}],gx,gy,gz\n0,1,2,3\n5,1,2,3\n10,1,2,3\n", 0, words) for unit, words in (
+        ("us", "200 kHz|2e\\+05 Hz"), ("ns", "--columns t=1:ms"))),
     ("4 0 1 2 3\n4 5 1 2 3\nx 9 1 2 3\n", 3, "'x' is not a sensor type"),
     ("4 0 1 2 3\n1 5 1 2 3\n4 9 1 2\n1 5 1 2 3\n", 3, "too few columns: 4 found, at least 5"),
     (GCSV + "gscale,-1\nt,gx,gy,gz\n0,1,2,3\n", 2, "gscale must be a number from"),
@@ -251,7 +253,7 @@ CAPTURES: list[Fault] = [
     ("1000000 0.05\n2000000 0.05\n", 1, "exposure time of 0.05 ns"),
     ("1 100\n2", 2, "cut off"),
     ("a b c\n", 1, "known formats: .*mars .*deepgyro"),
-    *((f"{text}0{name}\n33{name}\n66{name}\n", 0, "33 ns apart; name the unit") for text, name in (
+    *((f"{text}0{name}\n33{name}\n66{name}\n", 0, "33 ns apart; give the unit: --columns t=1:ms") for text, name in (
         ("", ""), ("timestamp\n", ""), ("", ",a.png"), ("", " 20"),
     )),
     ("", 0, "empty"),
