@@ -11,14 +11,14 @@ from functools import partial
 import numpy as np
 
 from rsdeblur.errors import InputError
-from rsdeblur.io.columns import TIME_SPELLINGS, TIME_UNITS, Cell, Columns, Quantity, chosen_columns, named_columns
+from rsdeblur.io.columns import TIME_UNITS, Cell, Columns, Quantity, chosen_columns, named_columns
 from rsdeblur.io.exif import Exif
 from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.pictures import read_header
 from rsdeblur.io.source import Format, Source, choose, text_format
 from rsdeblur.io.text import Rows, Table, TextFile, cells_of, is_number, read_table
 from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.units import dated_unit
+from rsdeblur.motion.units import TIME_SPELLINGS, dated_unit
 
 WHAT = "capture file"
 EXPOSURE = Quantity(
@@ -104,21 +104,14 @@ def _read(format: str, text: TextFile, columns: Columns) -> CaptureFile:
     """Read timestamps and, if there is a second column, exposure times, in their unit or that of the timestamps."""
     rows = text.rows[columns.start :]
     table = read_table(text, rows, columns.places[:1])
-    unit = columns.units[0] or _unit_of_timestamps(table)
-    timestamps = table.nanoseconds(TIME_UNITS[unit]).tolist()
-    for row, before, timestamp in zip(rows[1:], timestamps, timestamps[1:], strict=False):
-        if timestamp <= before:
-            problem = f"comes after {before} ns" if timestamp < before else "occurs twice"
-            raise text.error(f"captures must be in the order of time: timestamp {timestamp} ns {problem}", row)
-    spacing = float(np.median(np.diff(timestamps))) if len(timestamps) > 1 else np.inf
-    if not any(columns.units) and spacing < 1e9 * FRAME_SPACING[0]:
-        raise text.error(
-            f"whole numbers are taken as ns, but then the captures are {spacing:g} ns apart; give the unit: "
-            f"{columns.option(EXPOSURE, 'ms')}",
-            rows[0],
-        )
+    stamps = table.timestamps.tolist()
+    for row, before, stamp in zip(rows[1:], stamps, stamps[1:], strict=False):
+        if stamp <= before:
+            problem = f"comes after {before}" if stamp < before else "occurs twice"
+            raise text.error(f"captures must be in the order of time: timestamp {stamp} {problem}", row)
+    unit = columns.units[0] or _unit_of_timestamps(table, columns)
     durations = _durations(text, rows, columns, unit) if len(columns.places) > 1 else {}
-    return CaptureFile(format, timestamps, [durations.get(row) for row in rows])
+    return CaptureFile(format, table.nanoseconds(TIME_UNITS[unit]).tolist(), [durations.get(row) for row in rows])
 
 
 def _durations(text: TextFile, rows: Rows, columns: Columns, unit: str) -> dict[int, float]:
@@ -142,18 +135,19 @@ def _durations(text: TextFile, rows: Rows, columns: Columns, unit: str) -> dict[
     return dict(zip(timed, values.tolist(), strict=True))
 
 
-def _unit_of_timestamps(table: Table) -> str:
-    """Return the unit of a date since 2000, or ns for whole numbers, or s if that means 2 to 2000 frames per second."""
+def _unit_of_timestamps(table: Table, columns: Columns) -> str:
+    """Return the unit of dates since 2000; else ns of whole numbers and s of others, if frames may be that close."""
     if (unit := dated_unit(table.timestamps)) is not None:
         return unit
-    if (table.timestamps == np.rint(table.timestamps)).all():
+    is_whole = (table.timestamps == np.rint(table.timestamps)).all()
+    spacing = float(np.median(np.diff(table.timestamps))) if len(table.timestamps) > 1 else np.inf
+    if is_whole and spacing >= 1e9 * FRAME_SPACING[0]:
         return "ns"
-    spacing = np.median(np.diff(table.timestamps)) if len(table.timestamps) > 1 else 0.0
-    if FRAME_SPACING[0] <= spacing < FRAME_SPACING[1]:
+    if not is_whole and FRAME_SPACING[0] <= spacing < FRAME_SPACING[1]:
         return "s"
     raise table.text.error(
-        "the timestamps have fractions, so they are not in ns, and their spacing does not show that they are in s; "
-        "give the unit: --columns t=1:ms",
+        f"captures {spacing:g} apart are neither whole ns nor fractions of s; give the unit of time: "
+        f"{columns.option(EXPOSURE, 'ms')}",
         table.rows[0],
     )
 
@@ -171,20 +165,10 @@ def _named(text: TextFile) -> Columns | None:
     return columns if columns.units[0] and is_own else None
 
 
-def _of_mars(text: TextFile) -> Columns | None:
-    columns = _named(text) if "[nanosec]" in text.head.lower() else None
-    return columns if columns is not None and len(columns.places) > 1 else None
-
-
-def _numbers(text: TextFile) -> list[float]:
-    """Return the numbers of the first line; none if it contains anything else."""
-    cells = cells_of(text.head)
-    return [float(cell) for cell in cells] if all(map(is_number, cells)) else []
-
-
 def _numbered(text: TextFile, count: int) -> Columns | None:
     """Return the columns of lines of one, two or eight numbers, see `FORMATS`."""
-    numbers = _numbers(text)
+    cells = cells_of(text.head)
+    numbers = [float(cell) for cell in cells] if all(map(is_number, cells)) else []
     pair = [abs(number) for number in numbers] if len(numbers) == 2 and 0 not in numbers else [1.0, 5.0]
     # The same time in two units, as DSO writes it, is no exposure time; that in the finer unit is exact.
     if any(abs(max(pair) / min(pair) / scale - 1) < 1e-6 for scale in (1e3, 1e6, 1e9)):
@@ -222,7 +206,7 @@ def _read_trailer(source: Source) -> CaptureFile:
 
 FORMATS: tuple[Format[CaptureFile], ...] = (
     Format("gyrodata", "JPEG with a GYRODATA trailer", lambda source: trailer_of(source) is not None, _read_trailer),
-    _table("mars", "MARS logger movie_metadata.csv", _of_mars),
+    _table("named", "MARS logger movie_metadata.csv, or another header `timestamp[unit], exposure[unit]`", _named),
     _table("deepgyro", "DeepGyro images.txt, `t_ns exposure_ns`", partial(_numbered, count=2)),
     _table(
         "image-info",
@@ -230,7 +214,7 @@ FORMATS: tuple[Format[CaptureFile], ...] = (
         partial(_numbered, count=8),
     ),
     _table("euroc", "EuRoC cam0/data.csv, `t_ns,filename`", _beside_pictures),
-    _table("timestamps", "one timestamp a line", lambda text: _numbered(text, 1) or _named(text)),
+    _table("timestamps", "one timestamp a line", partial(_numbered, count=1)),
 )
 
 

@@ -4,46 +4,28 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from decimal import Decimal
 
 import numpy as np
 
 from rsdeblur.errors import InputError
 from rsdeblur.io.text import LAYOUT_ROWS, Rows, Table, TextFile, cells_of, is_number, spread
-from rsdeblur.motion.units import FASTEST, SECONDS, SLOWEST, spacing_of, units_of_time
+from rsdeblur.motion.units import (
+    ACCELERATION_SPELLINGS,
+    FASTEST,
+    RATE_SPELLINGS,
+    SECONDS,
+    SLOWEST,
+    TIME_SPELLINGS,
+    UNIT_OF,
+    spacing_of,
+    units_of_time,
+)
 from rsdeblur.types import FloatArray
 
 # Nanoseconds in each unit of time that a log may use.
 TIME_UNITS = {"s": Decimal(10**9), "ms": Decimal(10**6), "us": Decimal(10**3), "ns": Decimal(1)}
-
-# Spellings of units, without spaces and in lower case.
-TIME_SPELLINGS = {
-    "s": "s sec secs second seconds",
-    "ms": "ms msec millis millisec milliseconds",
-    "us": "us µs μs usec micros microsec microseconds",
-    "ns": "ns nsec nanos nanosec nanoseconds",
-}
-RATE_SPELLINGS = {
-    "rad/s": "rad/s rads rads^-1 rads-1 rads⁻¹ rad·s⁻¹ rad*s^-1 rad/sec radians/s radians/sec radianspersecond rad_s "
-    "rad_per_s",
-    "deg/s": "deg/s degs^-1 degs-1 degs⁻¹ deg/sec °/s °s⁻¹ º/s °/sec dps degrees/s degrees/sec degreespersecond deg_s "
-    "deg_per_s",
-    "mrad/s": "mrad/s",
-    "mdeg/s": "mdeg/s mdps",
-}
-ACCELERATION_SPELLINGS = {
-    "m/s^2": "m/s^2 m/s2 m/s² ms^-2 ms-2 ms⁻² m*s^-2 m/s/s mps2 m_s2 m/sec^2",
-    "g": "g",
-    "mg": "mg",
-}
-LENGTH_SPELLINGS = {"m": "m meter meters metre metres"}
-UNIT_OF = {
-    spelling: unit
-    for spellings in (TIME_SPELLINGS, RATE_SPELLINGS, ACCELERATION_SPELLINGS, LENGTH_SPELLINGS)
-    for unit, words in spellings.items()
-    for spelling in words.split()
-}
 
 # Names of columns, in lower case and reduced to letters. ROS stamps a message when the sensor measured, and again when
 # the recorder received it. Sensor Logger's second clock is for tables without another.
@@ -132,16 +114,15 @@ class Columns:
     """
 
     places: tuple[int, ...]
-    units: tuple[str | None, ...] = ()
+    units: tuple[str | None, ...] = (None,) * 8
     start: int = 0
     header: str = ""
     is_named: bool = False
-    names: tuple[str, ...] = field(init=False)
 
-    def __post_init__(self) -> None:
-        names = tuple(Cell.of(cell).name for cell in cells_of(self.header)) if self.header else ()
-        object.__setattr__(self, "names", names)
-        object.__setattr__(self, "units", self.units or (None,) * len(self.places))
+    @property
+    def names(self) -> list[str]:
+        """Names of all columns, reduced to letters; empty without a header."""
+        return [Cell.of(cell).name for cell in cells_of(self.header)] if self.header else []
 
     @property
     def sensors(self) -> list[int]:
@@ -328,12 +309,12 @@ def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
     A row has more cells than the header names, as those of a comma table with decimal commas have; or the rows are
     samples of several sensors; or the timestamps do not rise, but another column does.
     """
-    some = spread(rows, LAYOUT_ROWS)
+    some, named = spread(rows, LAYOUT_ROWS), len(columns.names)
     cells = [cells_of(text.lines[row]) for row in some]
     for row, found in zip(some, cells, strict=True):
-        if 0 < len(columns.names) < len(found):
+        if 0 < named < len(found):
             raise text.error(
-                f"{len(found)} cells, but the header names {len(columns.names)} columns; if the numbers have decimal "
+                f"{len(found)} cells, but the header names {named} columns; if the numbers have decimal "
                 "commas, separate the columns by semicolons or tabs",
                 row,
             )
@@ -374,18 +355,17 @@ def unit_of_time(
     spacing = spacing_of(table.timestamps)
     shown = " or ".join(f"{unit} ({1 / (spacing * SECONDS[unit]):.3g} Hz)" for unit in fits)
     raise table.text.error(
-        f"cannot determine the unit of time: samples {spacing:.6g} apart may be in {shown or 's, ms, us or ns'}"
-        f"{'' if fits else f', none of which means {rates[0]:g} to {rates[1]:g} Hz'}; if column "
-        f"{columns.places[0] + 1} is time, give its unit, like {columns.option(quantity, (fits or ['s'])[0])}"
+        f"cannot determine the unit of time: samples {spacing:.6g} apart fit {shown or 'none of s, ms, us, ns'}; check "
+        f"column {columns.places[0] + 1}, or give its unit: {columns.option(quantity, (fits or ['s'])[0])}"
     )
 
 
-def layout_grid(text: TextFile, columns: int, start: int = 0) -> FloatArray | None:
+def layout_grid(text: TextFile, columns: int) -> FloatArray | None:
     """Return some rows of a table, spread over it; None unless the first and most others are `columns` numbers.
 
     The format's reader names the line of a row that is not.
     """
-    cells = [cells_of(text.lines[row]) for row in spread(text.rows[start:], LAYOUT_ROWS)]
+    cells = [cells_of(text.lines[row]) for row in spread(text.rows, LAYOUT_ROWS)]
     fitting = [row for row in cells if len(row) == columns and all(map(is_number, row))]
     if not fitting or fitting[0] is not cells[0] or 2 * len(fitting) < len(cells):
         return None

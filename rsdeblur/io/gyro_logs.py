@@ -166,8 +166,9 @@ def read_acceleration(
     RsdeblurWarning
         If samples were sorted or dropped.
     """
-    chosen, source, _ = _choose(path, ACCELEROMETER, None, columns)
-    return finish(chosen.read(source), ACCELEROMETER, unit, None, partial(line_error, source.path))[0]
+    chosen, source, facts = _choose(path, ACCELEROMETER, None, columns)
+    samples = _with_pauses(chosen.read(source), facts.get("pauses", []))
+    return finish(samples, ACCELEROMETER, unit, None, partial(line_error, source.path))[0]
 
 
 def detect_gyro_format(path: str | os.PathLike[str]) -> str:
@@ -230,12 +231,8 @@ def _facts_beside(members: list[Source]) -> dict[str, Any]:
 
 def _pauses(member: Source) -> list[tuple[float, float]]:
     """Return the pauses in phyphox's `meta/time.csv`: each its time in the experiment and its length, both in s."""
-    events = [cells_of(line) for line in member.text.lines]
-    times = [
-        (cells[0], float(cells[1]), float(cells[2]))
-        for cells in events
-        if len(cells) > 2 and all(map(is_number, cells[1:3]))
-    ]
+    rows = [cells_of(line) for line in member.text.lines]
+    times = [(row[0], float(row[1]), float(row[2])) for row in rows if [*map(is_number, row[1:3])] == [True] * 2]
     return [
         (at, now - then)
         for (before, at, then), (after, _, now) in pairwise(times)
@@ -259,7 +256,8 @@ def _only(archive: Path, members: list[Source], sensor: AnySensor) -> Source:
     if sensor is GYRO:
         likely = [each for each in members if not gyro_tables.names_other_sensor(each.path.stem)] or members[:1]
         # Many tables fit these formats; the file of an app comes first.
-        logs = [each for each in likely if choose(formats(GYRO), each).name not in ("plain", "unstamped")] or likely
+        apps = [each for each in formats(GYRO) if each.name not in ("plain", "unstamped")]
+        logs = [each for each in likely if any(app.fits(each) for app in apps)] or likely
     else:
         logs = [each for each in members if each.path.name == members[0].path.name]
     if len(logs) > 1:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from rsdeblur._util.base91 import base91_decode
 from rsdeblur._util.extras import missing
 from rsdeblur.choices import Distortion
 from rsdeblur.errors import FileFormatError, InputError
@@ -43,8 +44,6 @@ DIRECTIONS = {
 
 # Degrees: hardly any profile is of a longer lens. mm: widths of sensors, from cropped ones of phones to medium format.
 NARROWEST, SENSORS = 12.0, (3.0, 60.0)
-
-BASE91 = b'ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789!#$%&()*+,./:;<=>?@[]^_`{|}~"'
 
 
 def readout_of(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -214,24 +213,6 @@ def _payload(source: Source, text: str) -> bytes:
         reason = f"unpack to more than {limit} bytes" if len(data) == limit else "are cut off"
         raise source.error(f"the gyro data of the project {reason}; save the project again")
     return data
-
-
-def base91_decode(text: bytes) -> bytes:
-    """Decode basE91 (Henke): two characters carry 13 or 14 bits."""
-    others = bytes(set(range(256)).difference(BASE91))
-    values = text.translate(bytes(max(BASE91.find(code), 0) for code in range(256)), others)
-    out, bits, count = bytearray(), 0, 0
-    for low, high in zip(values[::2], values[1::2], strict=False):
-        pair = low + 91 * high
-        bits |= pair << count
-        count += 13 if pair & 8191 > 88 else 14
-        while count > 7:
-            out.append(bits & 255)
-            bits >>= 8
-            count -= 8
-    if len(values) % 2:
-        out.append((bits | values[-1] << count) & 255)
-    return bytes(out)
 
 
 def _looks_like_bincode(data: bytes) -> bool:

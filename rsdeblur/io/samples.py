@@ -148,7 +148,7 @@ def finish(
             "give the gyro's file, or the unit if it is not rad/s"
         )
     elif unit is None and samples.unit is None:
-        likely = _unit_of_rates(samples, ns, sizes, cautions, error)
+        likely = _unit_of_rates(samples, ns, cautions, error)
     unit = likely
     t, values, epoch, repairs = ordered(ns, samples)
     if sensor.units[unit] != 1:
@@ -189,22 +189,16 @@ def _rate_cautions(samples: Samples, rate: float, error: Callable[[str], FileFor
 
 
 def _unit_of_rates(
-    samples: Samples,
-    ns: NDArray[np.int64],
-    sizes: FloatArray,
-    cautions: list[str],
-    error: Callable[[str], FileFormatError],
+    samples: Samples, ns: NDArray[np.int64], cautions: list[str], error: Callable[[str], FileFormatError]
 ) -> str:
-    """Return the unit of rates for which the file names none, and add a caution if it is not rad/s.
-
-    `sizes`, shape (n,), are those of the rates as numbers.
-    """
+    """Return the unit of rates for which the file names none, and add a caution if it is not rad/s."""
     if samples.forces is not None and shows_degrees(ns, samples.values, samples.forces):
         cautions.append(
             "the rates are taken as deg/s: gravity, which the accelerometer shows, does not turn as rates in rad/s "
             "would turn it; --unit replaces that"
         )
         return "deg/s"
+    sizes = np.linalg.norm(samples.values, axis=1)
     median, peak = float(np.median(sizes)), float(sizes.max())
     if median > SUSPICIOUS_MEDIAN or peak > SUSPICIOUS_PEAK:
         raise error(

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 from rsdeblur.errors import InputError
 from rsdeblur.io.columns import (
-    LENGTH_SPELLINGS,
     TIME_UNITS,
     Columns,
     Quantity,
@@ -22,7 +21,7 @@ from rsdeblur.io.samples import ordered, table_samples
 from rsdeblur.io.source import Format, Source, choose, text_format
 from rsdeblur.io.text import TextFile, line_error, read_table
 from rsdeblur.motion.trajectory import Trajectory
-from rsdeblur.motion.units import dated_unit
+from rsdeblur.motion.units import LENGTH_SPELLINGS, dated_unit
 
 WHAT = "trajectory"
 POSITION = Quantity.of("", "t|p|pos|position|translation|prsr|prs", LENGTH_SPELLINGS, "pos|trans|loc|^[tp]?x").bare

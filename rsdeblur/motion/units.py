@@ -1,4 +1,4 @@
-"""Units by evidence: what samples say about units that their file does not name."""
+"""Units of logs: their spellings, and what samples say about units that their file does not name."""
 
 from __future__ import annotations
 
@@ -8,6 +8,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.types import FloatArray
+
+# Spellings of units, without spaces and in lower case.
+TIME_SPELLINGS = {
+    "s": "s sec secs second seconds",
+    "ms": "ms msec millis millisec milliseconds",
+    "us": "us µs μs usec micros microsec microseconds",
+    "ns": "ns nsec nanos nanosec nanoseconds",
+}
+RATE_SPELLINGS = {
+    "rad/s": "rad/s rads rads^-1 rads-1 rads⁻¹ rad·s⁻¹ rad*s^-1 rad/sec radians/s radians/sec radianspersecond rad_s "
+    "rad_per_s",
+    "deg/s": "deg/s degs^-1 degs-1 degs⁻¹ deg/sec °/s °s⁻¹ º/s °/sec dps degrees/s degrees/sec degreespersecond deg_s "
+    "deg_per_s",
+    "mrad/s": "mrad/s",
+    "mdeg/s": "mdeg/s mdps",
+}
+ACCELERATION_SPELLINGS = {
+    "m/s^2": "m/s^2 m/s2 m/s² ms^-2 ms-2 ms⁻² m*s^-2 m/s/s mps2 m_s2 m/sec^2",
+    "g": "g",
+    "mg": "mg",
+}
+LENGTH_SPELLINGS = {"m": "m meter meters metre metres"}
+UNIT_OF = {
+    spelling: unit
+    for spellings in (TIME_SPELLINGS, RATE_SPELLINGS, ACCELERATION_SPELLINGS, LENGTH_SPELLINGS)
+    for unit, words in spellings.items()
+    for spelling in words.split()
+}
 
 # Units of time, s.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
