@@ -291,6 +291,8 @@ distortion_coefficients: [-0.05, 0.001, 0.001, -0.002]
 """,
 }
 
+KALIBR["advio"] = KALIBR["maplab"].replace("T_B_C", "T_cam_imu").replace(str(INVERSE), str(MATRIX))
+
 CAMERA_TOML = [
     b"""# a camera
 width = 1920

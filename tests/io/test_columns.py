@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 import zipfile
 from collections.abc import Callable
@@ -23,7 +24,8 @@ STEPS = np.arange(300)
 RATES = np.stack([0.5 + 0 * STEPS, 0.2 * np.sin(STEPS / 9), 0.1 * np.cos(STEPS / 7)], axis=-1).round(6)
 ANGLES = 0.5 * 0.005 * STEPS
 FORCES = 9.81 * np.stack([0 * ANGLES, np.cos(ANGLES), -np.sin(ANGLES)], axis=-1)
-UNIX_MS, UPTIME_NS = 1_697_590_715_534, 86_400 * 10**9
+DEGREES, DOWN = np.degrees(RATES), np.tile([0.0, 0.0, 1.0], (300, 1))
+UNIX, UPTIME = 1_697_590_715_534, 86_400_000  # ms
 
 
 def table(pattern: str, first: float = 0, step: float = 5, rates: Any = RATES, forces: Any = FORCES) -> str:
@@ -36,83 +38,65 @@ def table(pattern: str, first: float = 0, step: float = 5, rates: Any = RATES, f
     return "".join(lines)
 
 
-DEGREES = np.degrees(RATES)
-AXES = "t,gx,gy,gz\n"
-SIX = "t,gx,gy,gz,ax,ay,az\n"
-ROW, SIX_ROW = "{t},{x},{y},{z}", "{t},{x},{y},{z},{a},{b},{c}"
-# What is read at once: content, unit of time, unit of rates, rate in Hz, first timestamp in ns.
-READ: dict[str, tuple[str, str, str, float, int]] = {
-    "unix ms, 5 Hz": (AXES + table(ROW, UNIX_MS, 200), "ms", "rad/s", 5, UNIX_MS * 10**6),
-    "unix us": (AXES + table(ROW, 10**3 * UNIX_MS, 10_000), "us", "rad/s", 100, UNIX_MS * 10**6),
-    "unix ns, 2 Hz": (AXES + table(ROW, 10**6 * UNIX_MS, 5 * 10**8), "ns", "rad/s", 2, UNIX_MS * 10**6),
-    "unix s beside dates": (
-        "date,t,gx,gy,gz\n" + table("2023-10-18 00:00:00,{t:.3f},{x},{y},{z}", UNIX_MS / 1e3, 0.02),
-        *("s", "rad/s", 50, UNIX_MS * 10**6),
+ROW, SIX = "{t},{x},{y},{z}", "{t},{x},{y},{z},{a},{b},{c}"
+AXES, AXES_SIX = "t,gx,gy,gz\n", "t,gx,gy,gz,ax,ay,az\n"
+ROS = "%time,field.header.stamp,field.angular_velocity.x,field.angular_velocity.y,field.angular_velocity.z\n"
+IPHONE = "timestamp,timeIntervalSince1970,GyroX,GyroY,GyroZ\n"
+BLACKBOX = "loop, time (us), axisRate[0], axisRate[1], axisRate[2], gyroADC[0], gyroADC[1], gyroADC[2]\n"
+PX4 = "timestamp,gyro_rad[0],gyro_rad[1],gyro_rad[2]\n"
+# Units of time and of rates, and the rate in Hz.
+USUAL, IN_DEGREES, IN_US = ("ms", "rad/s", 200.0), ("ms", "deg/s", 200.0), ("us", "rad/s", 200.0)
+# What is read at once: the content, and what it is.
+READ: dict[str, tuple[str, tuple[str, str, float]]] = {
+    "unix ms, 5 Hz": (AXES + table(ROW, UNIX, 200), ("ms", "rad/s", 5)),
+    "unix us": (AXES + table(ROW, 10**3 * UNIX, 10_000), ("us", "rad/s", 100)),
+    "unix ns, 2 Hz": (AXES + table(ROW, 10**6 * UNIX, 5 * 10**8), ("ns", "rad/s", 2)),
+    "unix ns, 5 kHz": (AXES + table(ROW, 10**6 * UNIX, 200_000), ("ns", "rad/s", 5000)),
+    "unix s after dates": (IPHONE + table("18.10.2023,{t:.3f},{x},{y},{z}", UNIX / 1e3, 0.02), ("s", "rad/s", 50)),
+    "uptime in ns": (table(ROW, 10**6 * UPTIME, 2_500_000), ("ns", "rad/s", 400)),
+    "z, y, x, t": ("gyro_z,gyro_y,gyro_x,time_ms\n" + table("{z},{y},{x},{t}"), USUAL),
+    "counted axes": (PX4 + table(ROW, 0, 5000), IN_US),
+    "decimal commas": ("t;gx;gy;gz\n" + table("{t:.3f};{x};{y};{z}", 0, 0.01).replace(".", ","), ("s", "rad/s", 100)),
+    "settings above tabs": ("app 3\nrate\t9\nt\tgx\tgy\tgz\n" + table(ROW.replace(",", "\t")), USUAL),
+    "two clocks": (ROS + table("{r}000000,{t}000000,{x},{y},{z}", UNIX), ("ns", "rad/s", 200)),
+    "degrees in words": (
+        "t_ms,Gyro_X_deg_per_s,Gyro_Y_deg_per_s,Gyro_Z_deg_per_s\n" + table(ROW, rates=DEGREES),
+        IN_DEGREES,
     ),
-    "dates called time, before the numbers": (
-        "timestamp,timeIntervalSince1970,GyroX,GyroY,GyroZ\n"
-        + table("18.10.2023,{t:.3f},{x},{y},{z}", UNIX_MS / 1e3, 0.02),
-        *("s", "rad/s", 50, UNIX_MS * 10**6),
+    "degrees at rest": (AXES_SIX + table(SIX, rates=DEGREES / 10, forces=DOWN), IN_DEGREES),
+    "degrees by gravity": (AXES_SIX + table(SIX, rates=DEGREES), IN_DEGREES),
+    "degrees by gravity without a header": (table(SIX, rates=DEGREES), IN_DEGREES),
+    "radians by gravity": (AXES_SIX + table(SIX), USUAL),
+}
+# What is refused: the content, words of the message, the options that read it, and what it is then.
+REFUSED: dict[str, tuple[str, str, dict[str, str], tuple[str, str, float]]] = {
+    "two units": (
+        *(AXES + table(ROW, 0, 400), "s?.2.5 Hz. or us .2.5e.03 Hz.*--columns t=1:ms,gx=2,gy=3,gz=4"),
+        *({"columns": "t=1:us,gx=2,gy=3,gz=4"}, ("us", "rad/s", 2500)),
     ),
-    "uptime in ns, 400 Hz": (table(ROW, UPTIME_NS, 2_500_000), "ns", "rad/s", 400, UPTIME_NS),
-    "5 kHz": (AXES + table(ROW, 10**6 * UNIX_MS, 200_000), "ns", "rad/s", 5000, UNIX_MS * 10**6),
-    "z, y, x, t": ("gyro_z,gyro_y,gyro_x,time_ms\n" + table("{z},{y},{x},{t}"), "ms", "rad/s", 200, 0),
-    "counted axes": ("timestamp,gyro_rad[0],gyro_rad[1],gyro_rad[2]\n" + table(ROW, 0, 5000), "us", "rad/s", 200, 0),
-    "decimal commas": (
-        "t;gx;gy;gz\n" + table("{t:.3f};{x};{y};{z}", 0, 0.01).replace(".", ","), "s", "rad/s", 100, 0,
-    ),
-    "settings above tabs": ("app 3\nrate\t200\nt\tgx\tgy\tgz\n" + table("{t}\t{x}\t{y}\t{z}"), "ms", "rad/s", 200, 0),
-    "two clocks of ROS": (
-        "%time,field.header.stamp,field.angular_velocity.x,field.angular_velocity.y,field.angular_velocity.z\n"
-        + table("{r}000000,{t}000000,{x},{y},{z}", UNIX_MS),
-        *("ns", "rad/s", 200, UNIX_MS * 10**6),
-    ),
-    "degrees in the header": (
-        "ms,Gyro_X_deg_per_s,Gyro_Y_deg_per_s,Gyro_Z_deg_per_s\n".replace("ms", "t_ms") + table(ROW, rates=DEGREES),
-        *("ms", "deg/s", 200, 0),
-    ),
-    "degrees that gravity shows, at rest": (
-        SIX + table(SIX_ROW, rates=DEGREES / 10, forces=np.tile([0, 0, 1.0], (300, 1))), "ms", "deg/s", 200, 0,
-    ),
-    "degrees that gravity shows, turning": (SIX + table(SIX_ROW, rates=DEGREES), "ms", "deg/s", 200, 0),
-    "radians that gravity shows": (SIX + table(SIX_ROW), "ms", "rad/s", 200, 0),
-    "degrees that gravity shows, without a header": (table(SIX_ROW, rates=DEGREES), "ms", "deg/s", 200, 0),
-}  # fmt: skip
-# What is refused: content, words of the message, the options that read it, unit of time, unit of rates, rate in Hz.
-REFUSED: dict[str, tuple[str, str, dict[str, str], str, str, float]] = {
-    "2.5 kHz in us for a moment": (
-        AXES + table(ROW, 0, 400, RATES), "ms .2.5 Hz. or us .2.5e.03 Hz.",
-        {"columns": "t=1:us,gx=2,gy=3,gz=4"}, "us", "rad/s", 2500,
-    ),
-    "degrees without a unit": (
-        AXES + table(ROW, rates=DEGREES), "--unit deg/s", {"unit": "deg/s"}, "ms", "deg/s", 200,
-    ),
-    "tags in ms, degrees": (
-        table("gyroscope,{t},{x},{y},{z}", 411_480, rates=DEGREES), "--unit deg/s", {"unit": "deg/s"},
-        "ms", "deg/s", 200,
-    ),
+    "degrees": (AXES + table(ROW, rates=DEGREES), "--unit deg/s", {"unit": "deg/s"}, IN_DEGREES),
+    "tags in ms": (table("gyroscope," + ROW, UPTIME, rates=DEGREES), "--unit deg/s", {"unit": "deg/s"}, IN_DEGREES),
     "us called ns": (
-        "t_ns,gx,gy,gz\n" + table(ROW, 0, 5000), "--columns t=1:us,gx=2,gy=3,gz=4",
-        {"columns": "t=1:us,gx=2,gy=3,gz=4"}, "us", "rad/s", 200,
+        *("t_ns,gx,gy,gz\n" + table(ROW, 0, 5000), "--columns t=1:us,gx=2,gy=3,gz=4"),
+        *({"columns": "t=1:us,gx=2,gy=3,gz=4"}, IN_US),
     ),
     "unknown names": (
-        "n,clock (us),rot_roll,rot_pitch,rot_yaw,batt\n" + table("{i},{t},{x},{y},{z},7", 0, 5000),
-        *("--columns t=2,gx=3,gy=4,gz=5$", {"columns": "t=2,gx=3,gy=4,gz=5"}, "us", "rad/s", 200),
+        *(
+            "n,clock (us),rot_roll,rot_pitch,rot_yaw,batt\n" + table("{i},{t},{x},{y},{z},7", 0, 5000),
+            "t=2,gx=3,gy=4,gz=5$",
+        ),
+        *({"columns": "t=2,gx=3,gy=4,gz=5"}, IN_US),
     ),
-    "raw gyro beside filtered": (
-        "loop, time (us), axisRate[0], axisRate[1], axisRate[2], gyroADC[0], gyroADC[1], gyroADC[2]\n"
-        + table("{i}, {t}, 0, 0, {i}, {x}, {y}, {z}", 0, 5000, DEGREES),
-        "--columns t=2,gx=6,gy=7,gz=8$",
-        {"columns": "t=time (us),gx=gyroADC[0]:deg/s,gy=gyroADC[1],gz=8"}, "us", "deg/s", 200,
+    "flight log": (
+        *(BLACKBOX + table("{i}, {t}, 0, 0, {i}, {x}, {y}, {z}", 0, 5000, DEGREES), "--columns t=2,gx=6,gy=7,gz=8$"),
+        *({"columns": "t=time (us),gx=gyroADC[0]:deg/s,gy=gyroADC[1],gz=8"}, ("us", "deg/s", 200)),
     ),
     "units below the header": (
-        "When,Rx,Ry,Rz\n[ms],[deg/s],[deg/s],[deg/s]\n" + table(ROW, rates=DEGREES), "--columns t=",
-        {"columns": "t=When,gx=rx,gy=ry,gz=rz"}, "ms", "deg/s", 200,
+        *("When,Rx,Ry,Rz\n[ms],[deg/s],[deg/s],[deg/s]\n" + table(ROW, rates=DEGREES), "1 When|1 .ms."),
+        *({"columns": "t=When,gx=rx,gy=ry,gz=rz"}, IN_DEGREES),
     ),
-    "five numbers": (
-        table("{t},{i},{x},{y},{z}"), "--columns t=1,gx=", {"columns": "t=1,gx=3,gy=4,gz=5"}, "ms", "rad/s", 200,
-    ),
-}  # fmt: skip
+    "five numbers": (table("{t},{i},{x},{y},{z}"), "t=1,gx=", {"columns": "t=1,gx=3,gy=4,gz=5"}, USUAL),
+}
 
 
 def opened(path: Path, **options: Any) -> GyroFile:
@@ -121,29 +105,27 @@ def opened(path: Path, **options: Any) -> GyroFile:
         return open_gyro(path, **options)
 
 
-def assert_is(file: GyroFile, time: str, unit: str, hz: float) -> None:
-    assert (file.time_unit, file.rate_unit) == (time, unit)
+def assert_is(file: GyroFile, expected: tuple[str, str, float]) -> None:
+    assert (file.time_unit, file.rate_unit) == expected[:2]
     # timestamps in the files have whole units or three decimals
-    assert file.log.rate == pytest.approx(hz, rel=1e-6)
-    turn = file.log.omega[:, 0].max()
-    np.testing.assert_allclose(file.log.omega / turn, RATES / 0.5, atol=1e-9)
+    assert file.log.rate == pytest.approx(expected[2], rel=1e-6)
+    np.testing.assert_allclose(file.log.omega / file.log.omega[:, 0].max(), RATES / 0.5, atol=1e-9)
+    assert file.log.epoch_ns in (0, 10**6 * UNIX, 10**6 * UPTIME)
 
 
 @pytest.mark.parametrize("name", READ)
 def test_units_by_evidence(write: Write, name: str) -> None:
-    content, time, unit, hz, epoch = READ[name]
-    file = opened(write(content))
-    assert_is(file, time, unit, hz)
-    assert file.log.epoch_ns == epoch
+    content, expected = READ[name]
+    assert_is(opened(write(content)), expected)
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_refusals_print_the_option_that_helps(write: Write, name: str) -> None:
-    content, words, options, time, unit, hz = REFUSED[name]
+    content, words, options, expected = REFUSED[name]
     path = write(content)
     with pytest.raises(FileFormatError, match=words):
         opened(path)
-    assert_is(opened(path, **options), time, unit, hz)
+    assert_is(opened(path, **options), expected)
 
 
 def test_a_pause_and_a_saturated_gyro_are_reported(write: Write, tmp_path: Path) -> None:
@@ -164,7 +146,7 @@ def test_a_pause_and_a_saturated_gyro_are_reported(write: Write, tmp_path: Path)
 
 
 def test_the_user_names_the_columns_of_an_accelerometer_too(write: Write) -> None:
-    path = write("clock,u,v,w,a,b,c\n" + table(SIX_ROW, rates=DEGREES))
+    path = write("clock,u,v,w,a,b,c\n" + table(SIX, rates=DEGREES))
     columns = "t=clock:ms,gx=u,gy=v,gz=w,ax=a,ay=b,az=c"
     np.testing.assert_allclose(read_acceleration(path, columns=columns).force, FORCES, atol=1e-12)
     with pytest.warns(RsdeblurWarning, match="taken as deg/s"):
@@ -173,34 +155,30 @@ def test_the_user_names_the_columns_of_an_accelerometer_too(write: Write) -> Non
         read_acceleration(path, columns="t=clock:ms,gx=u,gy=v,gz=w")
 
 
+def test_gyroflow_s_export_of_metadata_has_the_orientation_beside_the_samples(write: Write) -> None:
+    samples = [{"timestamp_ms": 5.0 * i, "gyro": rate} for i, rate in enumerate(DEGREES.tolist())]
+    omega = read_gyro(write(json.dumps({"imu_orientation": "YxZ", "raw_imu": samples}), "metadata.json")).omega
+    np.testing.assert_allclose(omega, RATES[:, [1, 0, 2]] * [1, -1, 1], atol=1e-12)
+
+
 def test_columns_without_timestamps_need_the_sampling_rate(write: Write) -> None:
     path = write("a,u,v,w\n" + table("{i},{x},{y},{z}"))
     np.testing.assert_allclose(read_gyro(path, columns="gx=2,gy=3,gz=4", rate=200.0).omega, RATES)
 
 
 @pytest.mark.parametrize(
-    ("columns", "words"),
+    ("error", "columns", "words"),
     [
-        *((text, "is not like") for text in ("", "t", "t=", "t=1,foo=2", "t=1,gx=2,gy=3,gz=4,x=3")),
-        ("t=1,gx=2,gy=3", "lacks gz"),
-        *(("t=1:deg/s,gx=2,gy=3,gz=4", "deg/s of t"), ("t=1,exposure=2", "lacks t, gx|lacks gx")),
-    ],
-)  # fmt: skip
-def test_wrong_choices(write: Write, columns: str, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        read_gyro(write(AXES + table(ROW)), columns=columns)
-
-
-@pytest.mark.parametrize(
-    ("columns", "words"),
-    [
-        ("t=zeit,gx=2,gy=3,gz=4", "line|'zeit'; the columns are 1 t, 2 gx, 3 gy, 4 gz"),
-        ("t=1,gx=2,gy=3,gz=9", "no line has numbers in all columns of .*; the columns are 1 t, 2 gx"),
-        ("t=0,gx=2,gy=3,gz=4", "no line has numbers"),
+        *((InputError, text, "is not like") for text in ("", "t", "t=", "t=1,foo=2", "t=1,gx=2,gy=3,gz=4,x=3")),
+        (InputError, "t=1,gx=2,gy=3", "lacks gz"),
+        (InputError, "t=1:deg/s,gx=2,gy=3,gz=4", "deg/s of t"),
+        (InputError, "t=1,exposure=2", "lacks gx"),
+        (FileFormatError, "t=zeit,gx=2,gy=3,gz=4", "log.csv: .*'zeit'; the columns are 1 t, 2 gx, 3 gy, 4 gz"),
+        *((FileFormatError, f"t={t},gx=2,gy=3,gz=4", "log.csv: no line has numbers in all") for t in (0, 9)),
     ],
 )
-def test_columns_that_a_table_lacks(write: Write, columns: str, words: str) -> None:
-    with pytest.raises(FileFormatError, match=rf"log\.csv.*({words})"):
+def test_wrong_choices(write: Write, error: type[ValueError], columns: str, words: str) -> None:
+    with pytest.raises(error, match=words):
         read_gyro(write(AXES + table(ROW)), columns=columns)
 
 

@@ -19,6 +19,7 @@ from rsdeblur.motion.gyro import GyroLog
 
 UNITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 RATE_UNITS = {"rad/s": 1.0, "deg/s": np.pi / 180, "mrad/s": 1e-3, "mdeg/s": np.pi / 180_000}
+RATE_UNITS |= dict.fromkeys(("°/s", "dps", "degrees/s"), np.pi / 180)
 # A file is overwritten by every example, which is quick; more of them are run by hand.
 LAW = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
