@@ -51,13 +51,13 @@ from rsdeblur.io.captures import WHAT as WHAT
 from rsdeblur.io.captures import is_clocks as is_clocks
 from rsdeblur.io.captures import open_captures as open_captures
 from rsdeblur.io.captures import read_clocks as read_clocks
-from rsdeblur.io.exif import EXIF_ERROR as EXIF_ERROR
+from rsdeblur.io.columns import choice_for as choice_for
+from rsdeblur.io.columns import choices_of as choices_of
 from rsdeblur.io.exif import FILM_DIAGONAL as FILM_DIAGONAL
 from rsdeblur.io.exif import MAKE as MAKE
 from rsdeblur.io.exif import MODEL as MODEL
 from rsdeblur.io.exif import Exif as Exif
 from rsdeblur.io.exif import capture_time as capture_time
-from rsdeblur.io.exif import on_clock_of as on_clock_of
 from rsdeblur.io.exif import shown_time as shown_time
 from rsdeblur.io.gyro_binary import frame_exposures as frame_exposures
 from rsdeblur.io.gyro_binary import trailer_of as trailer_of
@@ -97,6 +97,8 @@ from rsdeblur.motion.translation import Translation as Translation
 from rsdeblur.motion.triage import Triage as Triage
 from rsdeblur.motion.triage import blur_of as blur_of
 from rsdeblur.motion.triage import check_thresholds as check_thresholds
+from rsdeblur.motion.wall_clock import EXIF_ERROR as EXIF_ERROR
+from rsdeblur.motion.wall_clock import on_clock_of as on_clock_of
 from rsdeblur.pipeline.deblur import NSR as NSR
 from rsdeblur.pipeline.deconvolve import check_bank as check_bank
 from rsdeblur.pipeline.deconvolve import deconvolve_with as deconvolve_with

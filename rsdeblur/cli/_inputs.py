@@ -121,7 +121,9 @@ def indices_of(photos: Sequence[Path], recording: Recording) -> list[int]:
     """Return the number of each photo's exposure in the capture file; raise an error if its name has none."""
     assert recording.capture is not None
     indices = []
-    for match in rs.indices_of(list(photos), recording.capture, numbered_from=recording.numbered_from):
+    for match in rs.indices_of(
+        list(photos), recording.capture, numbered_from=recording.numbered_from, columns=_capture_columns(recording)
+    ):
         if match.index is None:
             raise FileFormatError(f"{match.path}: {match.error}")
         indices.append(match.index)
@@ -165,6 +167,16 @@ def read_device(recording: Recording) -> tuple[rs.GyroLog, rs.Camera]:
     return file.log, camera
 
 
+def read_captures(recording: Recording, duration: float | None) -> list[rs.Exposure]:
+    """Return the exposures in the capture file that the options name; `duration` is that of those without one, s."""
+    assert recording.capture is not None
+    return rs.read_captures(recording.capture, duration=duration, columns=_capture_columns(recording))
+
+
+def _capture_columns(recording: Recording) -> str | None:
+    return rs.choice_for("capture file", recording.columns)
+
+
 def translation_of(recording: Recording, camera: rs.Camera, exposure: rs.Exposure) -> rs.Translation | None:
     """Return the translation that the options name, if they name one."""
     translation = None
@@ -173,7 +185,7 @@ def translation_of(recording: Recording, camera: rs.Camera, exposure: rs.Exposur
     if recording.translation is None and recording.translation_axes != "camera":
         raise _usage("--translation-axes belongs to --translation")
     if recording.translation is not None and recording.depth is not None:
-        trajectory = rs.read_trajectory(recording.translation)
+        trajectory = rs.read_trajectory(recording.translation, columns=rs.choice_for("trajectory", recording.columns))
         depth = rs.read_depths(recording.depth) if isinstance(recording.depth, Path) else recording.depth
         with naming(recording.translation):
             translation = trajectory.translation(exposure, camera, depth, axes=recording.translation_axes)
@@ -193,9 +205,9 @@ def _exposure(recording: Recording, photo: Path | None) -> rs.Exposure:
         # The log decides the time zone of a time from EXIF, later.
         start = (0.0 if recording.start == "exif" else recording.start), 0
     if recording.capture is not None:
-        if duration is None and None in rs.open_captures(recording.capture).durations:
+        if duration is None and None in rs.open_captures(recording.capture, _capture_columns(recording)).durations:
             duration = _exif_exposure(photo)
-        chosen = _chosen(rs.read_captures(recording.capture, duration=duration), recording)
+        chosen = _chosen(read_captures(recording, duration), recording)
         start = start or (chosen.start, chosen.epoch_ns)
         duration = chosen.duration if duration is None else duration
     elif recording.index is not None:
@@ -255,7 +267,9 @@ def clip_exposures(clip: rs.Clip, recording: Recording) -> list[rs.Exposure]:
     if len(starts) > 1:
         raise _usage(f"{' and '.join(map(flag, starts))} exclude each other")
     if recording.capture is not None:
-        return rs.exposures_from_captures(clip, recording.capture, duration=recording.duration)
+        return rs.exposures_from_captures(
+            clip, recording.capture, duration=recording.duration, columns=_capture_columns(recording)
+        )
     _refuse_longer(recording.duration, float((clip.end - clip.timestamps[0]) * clip.time_base), clip.path)
     durations = recording.duration or _clip_durations(recording.gyro, clip)
     if durations is None:

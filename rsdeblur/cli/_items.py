@@ -63,12 +63,12 @@ def read_items(sources: Sequence[Path], defaults: Recording, output: Path) -> li
 
 def _check_shared(defaults: Recording) -> None:
     """Refuse wrong files that all photos would share, once instead of for every photo."""
-    if defaults.gyro is not None and defaults.gyro_format is None:
+    if defaults.gyro is not None and defaults.gyro_format is None and defaults.columns is None:
         rs.detect_gyro_format(defaults.gyro)
     if defaults.camera is not None:
         rs.detect_camera_format(defaults.camera)
     if defaults.capture is not None:
-        rs.open_captures(defaults.capture)
+        rs.open_captures(defaults.capture, rs.choice_for("capture file", defaults.columns))
 
 
 def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[tuple[int, ...]]) -> Iterator[Item]:
@@ -104,7 +104,12 @@ def _session(folder: Path, defaults: Recording, output: Path) -> Iterator[Item]:
             yield _item(path, result_name(path.relative_to(folder)), {"gyro": gyro, "camera": camera}, defaults)
         return
     session = rs.open_session(
-        folder, gyro=defaults.gyro, capture=defaults.capture, numbered_from=defaults.numbered_from, without=output
+        folder,
+        gyro=defaults.gyro,
+        capture=defaults.capture,
+        numbered_from=defaults.numbered_from,
+        without=output,
+        columns=rs.choice_for("capture file", defaults.columns),
     )
     known = {"gyro": session.gyro, "capture": session.capture, "camera": defaults.camera or session.camera}
     yield from _numbered(session.photos, folder, known, defaults)
@@ -121,7 +126,8 @@ def _named(photos: Sequence[Path], defaults: Recording) -> Iterator[Item]:
             "photos named after their timestamps or frame numbers"
         )
     else:
-        numbered = rs.indices_of(list(photos), defaults.capture, numbered_from=defaults.numbered_from)
+        columns = rs.choice_for("capture file", defaults.columns)
+        numbered = rs.indices_of(list(photos), defaults.capture, numbered_from=defaults.numbered_from, columns=columns)
         yield from _numbered(numbered, None, {}, defaults)
 
 

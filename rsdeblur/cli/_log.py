@@ -42,27 +42,35 @@ def read_log(recording: Recording) -> rs.GyroFile:
 
 def known_log(recording: Recording) -> tuple[rs.GyroFile, list[str]]:
     """Return the log with its bias, and the warnings of its reader."""
-    reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate
+    columns = rs.choice_for("gyro log", recording.columns)
+    reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate, columns
     return _gyro_file(recording.gyro, file_state(recording.gyro), *reading)
 
 
 @lru_cache(maxsize=1)
 def _gyro_file(
-    path: Path, _: FileState, format: str | None, unit: str | None, orientation: str | None, rate: float | None
+    path: Path,
+    _: FileState,
+    format: str | None,
+    unit: str | None,
+    orientation: str | None,
+    rate: float | None,
+    columns: str | None,
 ) -> tuple[rs.GyroFile, list[str]]:
     with capture_warnings(show=False) as messages:
-        return rs.open_gyro(path, format, unit=unit, orientation=orientation, rate=rate), messages
+        file = rs.open_gyro(path, format, unit=unit, orientation=orientation, rate=rate, columns=columns)
+        return file, messages
 
 
-def accelerometer(path: Path) -> rs.AccelerationLog | None:
+def accelerometer(path: Path, columns: str | None) -> rs.AccelerationLog | None:
     """Return the accelerometer's samples in a gyro log; None if there are none that can be read."""
-    return _acceleration(path, file_state(path))
+    return _acceleration(path, file_state(path), rs.choice_for("gyro log", columns))
 
 
 @lru_cache(maxsize=1)
-def _acceleration(path: Path, _: FileState) -> rs.AccelerationLog | None:
+def _acceleration(path: Path, _: FileState, columns: str | None) -> rs.AccelerationLog | None:
     with capture_warnings(show=False), suppress(RsdeblurError):
-        return rs.read_acceleration(path)
+        return rs.read_acceleration(path, columns=columns)
     return None
 
 
@@ -123,7 +131,7 @@ def gravity_of(
     `bottom` is where the bottom of the viewed picture is in the stored one, rad.
     """
     # Other axes than those of the file are the user's, and the accelerometer is read in those of the file.
-    log = None if bottom is None or recording.orientation else accelerometer(recording.gyro)
+    log = None if bottom is None or recording.orientation else accelerometer(recording.gyro, recording.columns)
     exposures = exposures[:: -(-len(exposures) // CLIP_FRAMES)]
     if log is None or bottom is None:
         return Gravity()

@@ -139,6 +139,12 @@ class Recording:
     orientation: str | None = _given(
         None, "Axes of the log as an orientation string of Gyroflow, like YxZ; replaces the file's.", metavar="XYZ"
     )
+    columns: str | None = _given(
+        None,
+        "Columns of a table by names or numbers, with units: `t=time:us,gx=3,gy=4,gz=5` of the log; after a semicolon "
+        "`t,exposure` of --capture, `t,x,y,z` of --translation.",
+        metavar="T=COLUMN,...",
+    )
     rate: float | None = _given(_types.POSITIVE, "Sampling rate of a log without timestamps.", metavar="HZ")
     bias: tuple[float, float, float] | None = _given(
         _types.RATES,
@@ -199,7 +205,7 @@ class Recording:
 
 
 FILES = ("gyro", "camera", "capture")
-READING = ("gyro_format", "unit", "orientation", "rate")
+READING = ("gyro_format", "unit", "orientation", "columns", "rate")
 TRACK = ("translation", "translation_axes", "depth", "drift")
 ONE_PHOTO = tuple(each.name for each in fields(Recording) if each.name != "numbered_from")
 # Options of commands for several photos or frames, which have moments of their own.

@@ -13,7 +13,7 @@ import click
 from rsdeblur.choices import CAMERA
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import clip_exposures, indices_of, naming, search_span
+from rsdeblur.cli._inputs import clip_exposures, indices_of, naming, read_captures, search_span
 from rsdeblur.cli._log import read_log
 from rsdeblur.cli._options import FOR_PHOTOS, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import check_camera_file, print_table, progress, say
@@ -149,7 +149,7 @@ def _photos(
 ) -> tuple[Iterator[rs.NDArray[Any]], list[rs.Exposure], tuple[int, int]]:
     if recording.capture is None:
         raise click.UsageError("photos need --capture FILE, which lists their exposures")
-    exposures = rs.read_captures(recording.capture, duration=recording.duration)
+    exposures = read_captures(recording, recording.duration)
     index = recording.index
     if index is None and len(exposures) != len(photos):
         try:

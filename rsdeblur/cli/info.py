@@ -12,7 +12,7 @@ import click
 
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import read_device
+from rsdeblur.cli._inputs import read_captures, read_device
 from rsdeblur.cli._log import accelerometer
 from rsdeblur.cli._options import READING, Command, Recording, Target
 from rsdeblur.cli._output import capture_warnings, cell, linked, say
@@ -77,15 +77,15 @@ def _entries(files: tuple[Path, ...], recording: Recording) -> Iterator[dict[str
             # The command describes the other files first.
             yield {"file": str(path), "kind": "not understood", "reason": str(error)}
     if recording.capture is not None:
-        coverage = _coverage(recording, recording.capture)
+        coverage = _coverage(recording)
         yield {"file": str(recording.gyro), "kind": f"coverage of {recording.capture}", "exposures": coverage}
 
 
-def _coverage(recording: Recording, capture: Path) -> list[dict[str, Any]]:
+def _coverage(recording: Recording) -> list[dict[str, Any]]:
     log, camera = read_device(recording)
-    acceleration = accelerometer(recording.gyro)
+    acceleration = accelerometer(recording.gyro, recording.columns)
     report = []
-    for exposure in rs.read_captures(capture, duration=recording.duration):
+    for exposure in read_captures(recording, recording.duration):
         opens, closes = exposure.span(camera)
         try:
             log.covering(opens - camera.time_offset, closes - camera.time_offset, exposure.epoch_ns)
@@ -107,6 +107,9 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
         return describe_picture(path)
     if reading["format"]:
         return describe_gyro(path, reading)
+    if columns := reading["columns"]:
+        kinds = {"gyro log": describe_gyro, "capture file": describe_captures, "trajectory": describe_trajectory}
+        return kinds[next(iter(rs.choices_of(columns)))](path, reading)
     if rs.is_clocks(source):
         return describe_clocks(path)
     for detect, describe_kind in ((rs.detect_camera_format, describe_camera), (rs.detect_gyro_format, describe_gyro)):
@@ -122,11 +125,11 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
             return describe_kind(path, reading)
     # GyroDeblurNet's captures have eight columns too, but no quaternions.
     with suppress(FileFormatError):
-        trajectory = describe_trajectory(path)
+        trajectory = describe_trajectory(path, reading)
         if trajectory["orientations"]:
             return trajectory
     if any(each.fits(source) for each in rs.FORMATS):
-        return describe_captures(path)
+        return describe_captures(path, reading)
     try:
         # Logs are the commonest tables, and archives contain nothing else, so this error is the most likely to help.
         return describe_gyro(path, reading)
@@ -142,7 +145,7 @@ def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
 
     with capture_warnings(show=False) as remarks:
         file = rs.open_gyro(path, **reading)
-    log, acceleration = file.log, accelerometer(path)
+    log, acceleration = file.log, accelerometer(path, reading.get("columns"))
     gravity = {}
     if acceleration is not None:
         strength = float(np.median(np.linalg.norm(acceleration.force, axis=1)))
@@ -165,11 +168,11 @@ def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def describe_trajectory(path: Path) -> dict[str, Any]:
+def describe_trajectory(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     """Return the properties of a trajectory."""
     import numpy as np
 
-    track = rs.read_trajectory(path)
+    track = rs.read_trajectory(path, columns=reading["columns"])
     return {
         "kind": "trajectory",
         "poses": len(track.t),
@@ -226,9 +229,9 @@ def _preset_of(camera: rs.Camera) -> str | None:
     return " or ".join(fits) or None
 
 
-def describe_captures(path: Path) -> dict[str, Any]:
+def describe_captures(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     """Return the exposures in a capture file."""
-    file = rs.open_captures(path)
+    file = rs.open_captures(path, reading["columns"])
     exposures = [
         {"start_ns": timestamp} | ({} if duration is None else {"duration_s": duration})
         for timestamp, duration in zip(file.timestamps, file.durations, strict=True)

@@ -14,8 +14,9 @@ import numpy as np
 import tifffile
 
 from rsdeblur._util.extras import missing
+from rsdeblur.image.profile import linear_profile
 from rsdeblur.io import _tiff
-from rsdeblur.io._metadata import Picture, linear_profile, of_info
+from rsdeblur.io._metadata import Picture, of_info
 from rsdeblur.io.exif import with_orientation
 from rsdeblur.io.source import Refused, is_untrusted_blocked
 

@@ -20,8 +20,8 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
+from rsdeblur._util.tags import LONG, ORIENTATION, Tags, block_of, directory, tags_of
 from rsdeblur.io._metadata import C2PA, CLASSIC_BYTES, Picture
-from rsdeblur.io.exif import LONG, ORIENTATION, Tags, block_of, directory, tags_of
 from rsdeblur.io.source import Refused, check_trusted
 
 # tifffile logs every oddity of a damaged file; the faults that matter are raised.

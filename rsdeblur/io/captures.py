@@ -5,21 +5,30 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from rsdeblur.errors import InputError
-from rsdeblur.io.columns import TIME_UNITS, Cell, named_columns
+from rsdeblur.io.columns import TIME_UNITS, Cell, Columns, Quantity, chosen_columns, named_columns
 from rsdeblur.io.exif import Exif
 from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.pictures import read_header
 from rsdeblur.io.source import Format, Source, choose, text_format
 from rsdeblur.io.text import Rows, Table, TextFile, cells_of, is_number, read_table
 from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.units import TIME_SPELLINGS, dated_unit
 
 WHAT = "capture file"
-TIMESTAMP, EXPOSURE = re.compile("(frame)?timestamp"), re.compile("exposure(time|duration)?")
+EXPOSURE = Quantity(
+    ("exposure",),
+    (re.compile("exposure(time|duration)?"),),
+    TIME_SPELLINGS,
+    "expos|shutter",
+    optional=1,
+    times=(re.compile("(frame)?timestamp"),),
+)
 # A picture's name beside its timestamp.
 PICTURE = re.compile(r".+\.[a-z]\w{2,3}", re.IGNORECASE)
 # s between frames, from 2000 to 2 per second.
@@ -38,13 +47,15 @@ class CaptureFile:
     """Exposure times in s; None where the file does not contain one."""
 
 
-def read_captures(path: str | os.PathLike[str], *, duration: float | None = None) -> list[Exposure]:
+def read_captures(
+    path: str | os.PathLike[str], *, duration: float | None = None, columns: str | None = None
+) -> list[Exposure]:
     """Read the exposures of a recording, in the order of the file.
 
     Reads MARS logger ``movie_metadata.csv``, DeepGyro ``images.txt``, GyroDeblurNet ``image_info.txt``, timestamps
     alone or beside the names of pictures (EuRoC ``cam0/data.csv``), and JPEG files with a GYRODATA trailer. The content
-    decides the format. Timestamps with fractions are in s, and so are the exposure times beside them, if the frames are
-    then 0.5 to 500 ms apart; others are refused.
+    decides the format. Timestamps without a unit show it by a date since 2000; else whole numbers are in ns, and others
+    in s if the frames are then 0.5 to 500 ms apart. Exposure times without a unit have that of the timestamps.
 
     Parameters
     ----------
@@ -52,6 +63,9 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
         The file.
     duration : float, optional
         Exposure time in s of captures for which the file does not contain one.
+    columns : str, optional
+        Columns of a table by names or by numbers from 1, perhaps with units: ``"t=frame_time:s,exposure=3:ms"``. Lines
+        above the table are skipped.
 
     Returns
     -------
@@ -67,9 +81,9 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
         timestamp is beyond int64 or not later than the one before, its unit is unknown, or an exposure time is not
         positive.
     InputError
-        If `duration` is needed and not positive.
+        If `duration` is needed and not positive, or `columns` is not valid.
     """
-    file = open_captures(path)
+    file = open_captures(path, columns)
     if duration is None and None in file.durations:
         raise Source(path, WHAT).error(
             "the file contains timestamps without exposure times; give the exposure time: duration (--duration)"
@@ -78,59 +92,29 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
     return [Exposure(0.0, t, stamp) for stamp, t in zip(file.timestamps, times, strict=True) if t is not None]
 
 
-def open_captures(path: str | os.PathLike[str]) -> CaptureFile:
+def open_captures(path: str | os.PathLike[str], columns: str | None = None) -> CaptureFile:
     """Read the captures listed in a file, with or without exposure times; errors as for `read_captures`."""
     source = Source(path, WHAT)
-    return choose(FORMATS, source).read(source)
+    if columns is not None:
+        return _read("columns", source.text, chosen_columns(source.text, columns, WHAT, EXPOSURE))
+    return choose(FORMATS, source, quantity=EXPOSURE).read(source)
 
 
-@dataclass(frozen=True, slots=True)
-class _Columns:
-    """Places of timestamps and perhaps of exposure times, their units if they are named, and where the rows begin."""
-
-    places: Sequence[int]
-    units: Sequence[str | None] = (None, None)
-    start: int = 0
-
-
-def _header(line: str) -> _Columns | None:
-    """Return the columns that a header names: `timestamp[unit]`, perhaps beside others, or `timestamp` alone."""
-    cells = [Cell.of(cell.strip('" ')) for cell in re.split(r"[,;|\t]", line)]
-    places = [
-        next((k for k, cell in enumerate(cells) if name.fullmatch(cell.name) and cell.unit in TIME_UNITS), -1)
-        for name in (TIMESTAMP, EXPOSURE)
-    ]
-    if len(cells) == 1 and TIMESTAMP.fullmatch(cells[0].name) and not cells[0].unknown:
-        places[0] = 0
-    # Other tables may name a timestamp behind other columns.
-    if places[0] < 0 or (places[0] and places[1] < 0):
-        return None
-    known = [k for k in places if k >= 0]
-    return _Columns(known, [cells[k].unit for k in known], 1)
-
-
-def _read(format: str, text: TextFile, columns: _Columns) -> CaptureFile:
+def _read(format: str, text: TextFile, columns: Columns) -> CaptureFile:
     """Read timestamps and, if there is a second column, exposure times, in their unit or that of the timestamps."""
     rows = text.rows[columns.start :]
     table = read_table(text, rows, columns.places[:1])
-    unit = columns.units[0] or _unit_of_timestamps(table)
-    timestamps = table.nanoseconds(TIME_UNITS[unit]).tolist()
-    for row, before, timestamp in zip(rows[1:], timestamps, timestamps[1:], strict=False):
-        if timestamp <= before:
-            problem = f"comes after {before} ns" if timestamp < before else "occurs twice"
-            raise text.error(f"captures must be in the order of time: timestamp {timestamp} ns {problem}", row)
-    spacing = float(np.median(np.diff(timestamps))) if len(timestamps) > 1 else np.inf
-    if not any(columns.units) and spacing < 1e9 * FRAME_SPACING[0]:
-        raise text.error(
-            f"whole numbers are taken as ns, but then the captures are {spacing:g} ns apart; name the unit in a "
-            "header, like timestamp[ms]",
-            rows[0],
-        )
+    stamps = table.timestamps.tolist()
+    for row, before, stamp in zip(rows[1:], stamps, stamps[1:], strict=False):
+        if stamp <= before:
+            problem = f"comes after {before}" if stamp < before else "occurs twice"
+            raise text.error(f"captures must be in the order of time: timestamp {stamp} {problem}", row)
+    unit = columns.units[0] or _unit_of_timestamps(table, columns)
     durations = _durations(text, rows, columns, unit) if len(columns.places) > 1 else {}
-    return CaptureFile(format, timestamps, [durations.get(row) for row in rows])
+    return CaptureFile(format, table.nanoseconds(TIME_UNITS[unit]).tolist(), [durations.get(row) for row in rows])
 
 
-def _durations(text: TextFile, rows: Rows, columns: _Columns, unit: str) -> dict[int, float]:
+def _durations(text: TextFile, rows: Rows, columns: Columns, unit: str) -> dict[int, float]:
     """Return exposure times in s by row; phones that do not report them write `null`."""
     place, unit = columns.places[1], columns.units[1] or unit
     timed = [row for row in rows if cells_of(text.lines[row])[place:][:1] != ["null"]]
@@ -151,62 +135,64 @@ def _durations(text: TextFile, rows: Rows, columns: _Columns, unit: str) -> dict
     return dict(zip(timed, values.tolist(), strict=True))
 
 
-def _unit_of_timestamps(table: Table) -> str:
-    """Return ns for whole numbers, and s for others if they are then the timestamps of 2 to 2000 frames per second.
-
-    In that range the same numbers fit no other unit.
-    """
-    if (table.timestamps == np.rint(table.timestamps)).all():
+def _unit_of_timestamps(table: Table, columns: Columns) -> str:
+    """Return the unit of dates since 2000; else ns of whole numbers and s of others, if frames may be that close."""
+    if (unit := dated_unit(table.timestamps)) is not None:
+        return unit
+    is_whole = (table.timestamps == np.rint(table.timestamps)).all()
+    spacing = float(np.median(np.diff(table.timestamps))) if len(table.timestamps) > 1 else np.inf
+    if is_whole and spacing >= 1e9 * FRAME_SPACING[0]:
         return "ns"
-    spacing = np.median(np.diff(table.timestamps)) if len(table.timestamps) > 1 else 0.0
-    if FRAME_SPACING[0] <= spacing < FRAME_SPACING[1]:
+    if not is_whole and FRAME_SPACING[0] <= spacing < FRAME_SPACING[1]:
         return "s"
     raise table.text.error(
-        "the timestamps have fractions, so they are not in ns, and their spacing does not show that they are in s; "
-        "write them in ns, or name the unit in a header, like timestamp[s]",
+        f"captures {spacing:g} apart are neither whole ns nor fractions of s; give the unit of time: "
+        f"{columns.option(EXPOSURE, 'ms')}",
         table.rows[0],
     )
 
 
-def _named(text: TextFile) -> _Columns | None:
-    """Return the columns that the header names; None for that of a gyro log."""
-    return None if named_columns(text) is not None else _header(text.head)
+def _named(text: TextFile) -> Columns | None:
+    """Return the columns that the header names; None for that of a gyro log, or of a table that has a timestamp too."""
+    columns = named_columns(text, EXPOSURE) if named_columns(text) is None else None
+    if columns is None:
+        return None
+    if len(cells_of(text.lines[text.rows[-1]])) == 1:
+        return replace(columns, places=(0,), units=columns.units[:1])
+    if len(columns.places) > 1 and columns.units[1] is None:
+        columns = replace(columns, places=columns.places[:1], units=columns.units[:1])
+    is_own = columns.places[0] == 0 or len(columns.places) > 1
+    return columns if columns.units[0] and is_own else None
 
 
-def _of_mars(text: TextFile) -> _Columns | None:
-    columns = _named(text) if "[nanosec]" in text.head.lower() else None
-    return columns if columns is not None and len(columns.places) > 1 else None
-
-
-def _numbers(text: TextFile) -> list[float]:
-    """Return the numbers of the first line; none if it contains anything else."""
+def _numbered(text: TextFile, count: int) -> Columns | None:
+    """Return the columns of lines of one, two or eight numbers, see `FORMATS`."""
     cells = cells_of(text.head)
-    return [float(cell) for cell in cells] if all(map(is_number, cells)) else []
+    numbers = [float(cell) for cell in cells] if all(map(is_number, cells)) else []
+    pair = [abs(number) for number in numbers] if len(numbers) == 2 and 0 not in numbers else [1.0, 5.0]
+    # The same time in two units, as DSO writes it, is no exposure time; that in the finer unit is exact.
+    if any(abs(max(pair) / min(pair) / scale - 1) < 1e-6 for scale in (1e3, 1e6, 1e9)):
+        return Columns((pair.index(max(pair)),)) if count == 1 else None
+    # A pose has eight numbers too, but a quaternion has none beyond 1, and no camera has a focal length below 1 px.
+    is_own = len(numbers) == count and (count < 8 or numbers[4] > 1)
+    return Columns({1: (0,), 2: (0, 1), 8: (0, 2)}[count]) if is_own else None
 
 
-def _image_info(text: TextFile) -> _Columns | None:
-    # `t_ns ISO exposure_ns fx fy cx cy s`. A pose has eight numbers too, but a quaternion has none beyond 1, and no
-    # camera has a focal length below 1 px.
-    numbers = _numbers(text)
-    return _Columns((0, 2)) if len(numbers) == 8 and numbers[4] > 1 else None
-
-
-def _beside_pictures(text: TextFile) -> _Columns | None:
+def _beside_pictures(text: TextFile) -> Columns | None:
     cells = cells_of(text.head)
     if len(cells) != 2 or not is_number(cells[0]) or not PICTURE.fullmatch(cells[1]):
         return None
     above = [line.lstrip().removeprefix("#") for line in text.lines[: text.rows[0]] if line.strip()]
-    named = _header(above[-1]) if above else None
-    return _Columns((0,), named.units) if named else _Columns((0,))
+    return Columns((0,), (Cell.of(re.split(r"[,;|\t]", above[-1])[0]).unit if above else None,))
 
 
-def _table(name: str, title: str, columns_of: Callable[[TextFile], _Columns | None]) -> Format[CaptureFile]:
+def _table(name: str, title: str, columns_of: Callable[[TextFile], Columns | None]) -> Format[CaptureFile]:
     """Return the format of tables in which `columns_of` finds timestamps."""
     return text_format(
         name,
         title,
         lambda text: columns_of(text) is not None,
-        lambda text: _read(name, text, columns_of(text) or _Columns((0,))),
+        lambda text: _read(name, text, columns_of(text) or Columns((0,))),
     )
 
 
@@ -220,19 +206,15 @@ def _read_trailer(source: Source) -> CaptureFile:
 
 FORMATS: tuple[Format[CaptureFile], ...] = (
     Format("gyrodata", "JPEG with a GYRODATA trailer", lambda source: trailer_of(source) is not None, _read_trailer),
-    _table("mars", "MARS logger movie_metadata.csv", _of_mars),
+    _table("named", "MARS logger movie_metadata.csv, or another header `timestamp[unit], exposure[unit]`", _named),
+    _table("deepgyro", "DeepGyro images.txt, `t_ns exposure_ns`", partial(_numbered, count=2)),
     _table(
-        "deepgyro",
-        "DeepGyro images.txt, `t_ns exposure_ns`",
-        lambda text: _Columns((0, 1)) if len(_numbers(text)) == 2 else None,
+        "image-info",
+        "GyroDeblurNet image_info.txt, `t_ns ISO exposure_ns fx fy cx cy s`",
+        partial(_numbered, count=8),
     ),
-    _table("image-info", "GyroDeblurNet image_info.txt", _image_info),
     _table("euroc", "EuRoC cam0/data.csv, `t_ns,filename`", _beside_pictures),
-    _table(
-        "timestamps",
-        "one timestamp in ns a line",
-        lambda text: _Columns((0,)) if len(_numbers(text)) == 1 else _named(text),
-    ),
+    _table("timestamps", "one timestamp a line", partial(_numbered, count=1)),
 )
 
 

@@ -1,118 +1,145 @@
-"""Columns of text tables: found by name, by their units, or as the one that rises like time."""
+"""Columns of text tables: chosen by the user, found by name and unit, or as the one that rises like time."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from decimal import Decimal
 
 import numpy as np
 
+from rsdeblur.errors import InputError
 from rsdeblur.io.text import LAYOUT_ROWS, Rows, Table, TextFile, cells_of, is_number, spread
+from rsdeblur.motion.units import (
+    ACCELERATION_SPELLINGS,
+    FASTEST,
+    RATE_SPELLINGS,
+    SECONDS,
+    SLOWEST,
+    TIME_SPELLINGS,
+    UNIT_OF,
+    spacing_of,
+    units_of_time,
+)
 from rsdeblur.types import FloatArray
 
 # Nanoseconds in each unit of time that a log may use.
 TIME_UNITS = {"s": Decimal(10**9), "ms": Decimal(10**6), "us": Decimal(10**3), "ns": Decimal(1)}
-# A gyro samples at 20 Hz to 8 kHz. The sample spacings (ns) then lie within a factor of 400, less than the 1000
-# between the units, so a spacing fits at most one unit.
-SPACING = (125_000, 50_000_000)
 
-# Spellings of units, without spaces and in lower case.
-TIME_SPELLINGS = {
-    "s": "s sec secs second seconds",
-    "ms": "ms msec millisec milliseconds",
-    "us": "us µs μs usec microsec microseconds",
-    "ns": "ns nsec nanosec nanoseconds",
-}
-RATE_SPELLINGS = {
-    "rad/s": "rad/s rads rads^-1 rads-1 rads⁻¹ rad·s⁻¹ rad*s^-1 rad/sec radians/s radians/sec radianspersecond rad_s",
-    "deg/s": "deg/s degs^-1 degs-1 degs⁻¹ deg/sec °/s °s⁻¹ º/s °/sec dps degrees/s degrees/sec degreespersecond deg_s",
-    "mrad/s": "mrad/s",
-    "mdeg/s": "mdeg/s mdps",
-}
-ACCELERATION_SPELLINGS = {
-    "m/s^2": "m/s^2 m/s2 m/s² ms^-2 ms-2 ms⁻² m*s^-2 m/s/s mps2 m/sec^2",
-    "g": "g",
-    "mg": "mg",
-}
-LENGTH_SPELLINGS = {"m": "m meter meters metre metres"}
-UNIT_OF = {
-    spelling: unit
-    for spellings in (TIME_SPELLINGS, RATE_SPELLINGS, ACCELERATION_SPELLINGS, LENGTH_SPELLINGS)
-    for unit, words in spellings.items()
-    for spelling in words.split()
-}
-
-# Names of columns, in lower case and reduced to letters.
-TIME = re.compile(
-    "(sensor|event|sampling|elapsed|gyro|motion|unix|epoch)?(t|ts|time|timestamp|stamp)(since(reboot|start|boot))?"
-    "|zeit|temps|tiempo|tempo"
+# Names of columns, in lower case and reduced to letters. ROS stamps a message when the sensor measured, and again when
+# the recorder received it. Sensor Logger's second clock is for tables without another.
+TIMES = (
+    re.compile("(field)?headerstamp"),
+    re.compile(
+        "(sensor|event|sampling|elapsed|gyro|motion|unix|epoch)?(t|ts|time|timestamp|stamp)(since(reboot|start|boot))?"
+        "|timeintervalsince|zeit|temps|tiempo|tempo"
+    ),
+    re.compile("(seconds|time)elapsed|elapsed(seconds|time)?"),
 )
-# Sensor Logger's second clock, for tables without another.
-ELAPSED = re.compile("(seconds|time)elapsed|elapsed(seconds|time)?")
 GYRO = (
-    "w|omega|g|gyr|gyro|gyroscope|gyroskop|giroscopio|gyrorotation|(motion)?rotationrate"
+    "w|omega|g|gyr|gyro|gyrorad|gyroscope|gyroskop|giroscopio|gyrorotation|(motion)?rotationrate"
     "|(field)?angular(velocity|rate)|angvel|wrss"
 )
 # A column that says whose sample a row is.
 SENSOR = re.compile("(sensor|device)(type|name|id)?|type")
 # Without gravity ("linear", "user"), accelerations are of no use.
-ACCELEROMETER = "a|alpha|acc|accl|accel|accelero(meter)?|acceleration|beschleunigung|total(acc|acceleration)|arss"
+ACCELEROMETER = (
+    "a|alpha|acc|accl|accel|accelero(meter)?|acceleration|beschleunigung|total(acc|acceleration)|arss"
+    "|(field)?linearacceleration"
+)
 
 # Units that may follow a name without brackets: `t_ns`, `gx_deg/s`, `Time since start in ms`.
-SUFFIX = re.compile(rf"(.*?)(?:_| in )({'|'.join(map(re.escape, UNIT_OF))}|rad_s|deg_s)\s*")
+SUFFIX = re.compile(rf"(.*?)(?:_| in )({'|'.join(map(re.escape, UNIT_OF))})\s*")
+# Programs for flights count axes: `gyro_rad[0]`.
+INDEX = re.compile(r"\[([012])\]$")
 
 # Longest cell that may be a name: the patterns take time in proportion to the square of the length.
 CELL_WIDTH = 100
+# Words in the names of timestamps, for guesses.
+STAMPS = re.compile(r"time|stamp|\bts?\b|clock|micros|millis")
+# Longest list of columns in a message, characters.
+LIST_WIDTH = 400
+
+# `name=column` or `name=column:unit`, of which commas separate several.
+CHOICE = re.compile(
+    rf"(\w+)\s*=\s*([^=]+?)\s*(?::\s*({'|'.join(map(re.escape, UNIT_OF))}))?\s*(?:,\s*(?=\w+\s*=)|$)", re.IGNORECASE
+)
+# The columns that users choose, by kind of file. A choice is for the first kind that has them all.
+CHOICES = {
+    "capture file": ("t", "exposure"),
+    "gyro log": ("t", "gx", "gy", "gz", "ax", "ay", "az"),
+    "trajectory": ("t", "x", "y", "z", "qx", "qy", "qz", "qw"),
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """Names of the columns of a quantity along x, y and z, and the spellings of its units."""
+    """Columns that a reader looks for beside that of the timestamps.
 
-    names: tuple[re.Pattern[str], ...]
-    spellings: dict[str, str]
+    `names` are those by which users choose them, `patterns` the usual ones in headers, `spellings` their units. A table
+    may lack the last `optional` ones. `hint` is a word in names that are not the usual ones.
+    """
+
+    names: tuple[str, ...]
+    patterns: tuple[re.Pattern[str], ...]
+    spellings: Mapping[str, str]
+    hint: str
+    optional: int = 0
+    times: tuple[re.Pattern[str], ...] = TIMES
 
     @classmethod
-    def of(cls, word: str, spellings: dict[str, str]) -> Quantity:
+    def of(cls, letter: str, word: str, spellings: Mapping[str, str], hint: str) -> Quantity:
         """Return the quantity whose columns are called `word`, before or after the axis."""
-        return cls(tuple(re.compile(rf"({word}){axis}(axis)?|{axis}({word})") for axis in "xyz"), spellings)
+        patterns = tuple(re.compile(rf"({word}){axis}(axis)?|{axis}({word})") for axis in "xyz")
+        return cls(tuple(letter + axis for axis in "xyz"), patterns, spellings, hint)
 
     @property
     def bare(self) -> Quantity:
         """The quantity whose columns may also be called x, y and z alone."""
-        names = (re.compile(rf"{axis}(axis)?|{name.pattern}") for axis, name in zip("xyz", self.names, strict=True))
-        return Quantity(tuple(names), self.spellings)
+        names = (re.compile(rf"{axis}(axis)?|{each.pattern}") for axis, each in zip("xyz", self.patterns, strict=True))
+        return replace(self, patterns=tuple(names))
 
 
-RATE = Quantity.of(GYRO, RATE_SPELLINGS)
-ACCELERATION = Quantity.of(ACCELEROMETER, ACCELERATION_SPELLINGS)
+RATE = Quantity.of("g", GYRO, RATE_SPELLINGS, "gyr|omega|ang|rot|rate|^w|^g")
+ACCELERATION = Quantity.of("a", ACCELEROMETER, ACCELERATION_SPELLINGS, "acc")
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Places of timestamps and values (along x, y, z) among the columns of a table, and their units if it names them.
+    """Places of the timestamps and the values among the columns of a table, from 0, and their units if it names them.
 
-    The place of the timestamps is -1 in a table without them. `start` is the place of the first sample among the rows;
-    `names` are the names of all columns.
+    The place of the timestamps is -1 in a table without them. `start` is the place of the first sample among the rows,
+    `header` the line that names the columns. `is_named` says that the columns name the sensor.
     """
 
-    places: tuple[int, int, int, int]
-    time_unit: str | None = None
-    value_units: tuple[str | None, ...] = (None, None, None)
+    places: tuple[int, ...]
+    units: tuple[str | None, ...] = (None,) * 8
     start: int = 0
-    names: tuple[str, ...] = ()
+    header: str = ""
+    is_named: bool = False
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all columns, reduced to letters; empty without a header."""
+        return [Cell.of(cell).name for cell in cells_of(self.header)] if self.header else []
 
     @property
     def sensors(self) -> list[int]:
         """Places of columns that say whose sample a row is."""
         return [k for k, name in enumerate(self.names) if SENSOR.fullmatch(name)]
 
+    def option(self, quantity: Quantity, time_unit: str = "") -> str:
+        """Return the option that chooses these columns, the unit of time replaced."""
+        places = {name: str(k + 1) for name, k in zip(("t", *quantity.names), self.places, strict=False) if k >= 0}
+        if time_unit and "t" in places:
+            places["t"] += f":{time_unit}"
+        return "--columns " + ",".join(f"{name}={place}" for name, place in places.items())
+
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A cell of a header, such as `t_ns`, `gx[rad/s]`, `Gyroscope x (rad/s)`.
+    """A cell of a header, such as `t_ns`, `gx[rad/s]`, `Gyroscope x (rad/s)`, `gyro_rad[0]`.
 
     The name is in lower case and reduced to letters; `unknown` says that the cell names a unit, but none of `UNIT_OF`.
     """
@@ -126,36 +153,154 @@ class Cell:
         """Return the parts of a cell."""
         if len(text) > CELL_WIDTH:
             return cls("", None, True)
-        text = text.lower()
+        axis, text = "", text.lower()
+        if index := INDEX.search(text):
+            axis, text = "xyz"[int(index[1])], text[: index.start()]
         match = re.fullmatch(r"(.*?)\s*[\[(](.*?)[\])]", text)
         if match is None:
             match = SUFFIX.fullmatch(text)
         name, unit = match.groups() if match else (text, "")
         known = UNIT_OF.get(re.sub(r"\s", "", unit))
-        return cls(re.sub(r"[^a-z]", "", name), known, bool(unit) and known is None)
+        return cls(re.sub(r"[^a-z]", "", name) + axis, known, bool(unit) and known is None)
 
 
 def named_columns(text: TextFile, values: Quantity = RATE, *, stamped: bool = True) -> Columns | None:
     """Return the columns named by a header; None if no line names the values and, if `stamped`, the timestamps."""
     for line, start in text.headers:
         cells = [Cell.of(cell) for cell in cells_of(line)]
+        first = cells_of(text.lines[text.rows[start]]) if start < len(text.rows) else []
 
-        def place(pattern: re.Pattern[str], units: dict[str, str], cells: Sequence[Cell] = cells) -> int:
-            fits = (
+        def place(pattern: re.Pattern[str], units: Mapping[str, str]) -> int:
+            fits = [
                 k
-                for k, cell in enumerate(cells)
+                for k, cell in enumerate(cells)  # noqa: B023
                 if pattern.fullmatch(cell.name) and not cell.unknown and (cell.unit is None or cell.unit in units)
-            )
-            return next(fits, -1)
+            ]
+            # Beside timestamps there may be dates.
+            return next((k for k in fits if is_number("".join(first[k : k + 1]))), next(iter(fits), -1))  # noqa: B023
 
-        t = place(TIME, TIME_SPELLINGS)
-        t = t if t >= 0 else place(ELAPSED, TIME_SPELLINGS)
-        x, y, z = (place(name, values.spellings) for name in values.names)
-        if min(x, y, z) >= 0 and (t >= 0) is stamped:
-            units = [cells[k].unit for k in (x, y, z)]
-            names = tuple(cell.name for cell in cells)
-            return Columns((t, x, y, z), cells[t].unit if stamped else None, tuple(units), start, names)
+        t = next((k for pattern in values.times if (k := place(pattern, TIME_SPELLINGS)) >= 0), -1)
+        places = [place(pattern, values.spellings) for pattern in values.patterns]
+        needed = len(places) - values.optional
+        # A longer header is a line about other lines, as in flight logs.
+        is_header = not first or max(places) < len(first)
+        if is_header and -1 not in places[:needed] and (t >= 0) is stamped:
+            places = [t, *(places[:needed] if -1 in places else places)]
+            units = tuple(cells[k].unit if k >= 0 else None for k in places)
+            return Columns(tuple(places), units, start, line, is_named=True)
     return None
+
+
+def choices_of(columns: str) -> dict[str, dict[str, tuple[str, str | None]]]:
+    """Return the chosen columns and their units, by kind of file and by name; semicolons separate kinds.
+
+    Raises `InputError` if a part is not like `t=time:us,gx=3,gy=4,gz=5`.
+    """
+    chosen = {}
+    for part in columns.split(";"):
+        pairs = {name: (column, UNIT_OF.get(unit.lower())) for name, column, unit in CHOICE.findall(part.strip())}
+        kind = next((kind for kind, known in CHOICES.items() if pairs.keys() <= set(known)), None)
+        if kind is None or not pairs:
+            known = "; ".join(f"{', '.join(names)} of a {kind}" for kind, names in CHOICES.items())
+            raise InputError(f"columns: {part.strip()!r} is not like t=time:us,gx=3,gy=4,gz=5; there are {known}")
+        chosen[kind] = pairs
+    return chosen
+
+
+def choice_for(kind: str, columns: str | None) -> str | None:
+    """Return a choice of columns if it has a part for this kind of file, else None."""
+    return columns if columns is not None and kind in choices_of(columns) else None
+
+
+def chosen_columns(text: TextFile, columns: str, kind: str, values: Quantity, *, stamped: bool = True) -> Columns:
+    """Return the columns of a table of this kind that the user chose, by names or by numbers from 1.
+
+    The table starts at the first line in which they are numbers. Raises `InputError` if the choice lacks a column or
+    has a wrong unit, `FileFormatError` if the table has no such column.
+    """
+    chosen = choices_of(columns).get(kind, {})
+    needed = [*["t"] * stamped, *values.names[: len(values.names) - values.optional]]
+    if missing := [name for name in needed if name not in chosen]:
+        raise InputError(f"columns: {columns!r} lacks {', '.join(missing)} of the {kind}")
+    names = [name for name in ("t", *values.names) if name in chosen]
+    known = {name: TIME_SPELLINGS if name == "t" else values.spellings for name in names}
+    if wrong := [f"{chosen[name][1]} of {name}" for name in names if chosen[name][1] not in (None, *known[name])]:
+        raise InputError(f"columns: {wrong[0]} is a wrong unit: {columns!r}")
+    wanted = {name: _plain(chosen[name][0]) for name in names}
+    words = {column for column in wanted.values() if not column.isdecimal()}
+    lines = [*text.headers, ("", 0)]
+    header, start = next(((line, after) for line, after in lines if words <= set(_cells(line))), ("", -1))
+    if start < 0:
+        words -= {cell for line, _ in lines for cell in _cells(line)}
+        raise text.error(f"no column of a header is called {' or '.join(sorted(words))!r}; {listed(text)}")
+    header, start = (header, start) if words else ("", 0)
+    places = {
+        name: int(column) - 1 if column.isdecimal() else _cells(header).index(column) for name, column in wanted.items()
+    }
+    rows = enumerate((cells_of(text.lines[row]) for row in text.rows[start:]), start)
+    start = next((i for i, row in rows if all(is_number("".join(row[k : k + 1])) for k in places.values())), -1)
+    if start < 0:
+        raise text.error(f"no line has numbers in all columns of {columns!r}; {listed(text)}")
+    above = [cells_of(line) for line in (header, next((line for line, after in lines if after == start), ""))]
+
+    def unit(name: str) -> str | None:
+        units = (Cell.of(cell).unit for cells in above for cell in cells[places[name] : places[name] + 1])
+        return chosen[name][1] or next((unit for unit in units if unit in known[name]), None)
+
+    timeless = ["t"] * ("t" not in places)
+    units = (*[None for _ in timeless], *map(unit, names))
+    return Columns((*[-1 for _ in timeless], *places.values()), units, start, header, is_named=True)
+
+
+def _cells(header: str) -> list[str]:
+    return [_plain(cell) for cell in cells_of(header)]
+
+
+def _plain(name: str) -> str:
+    return name.strip().lstrip("%# ").lower()
+
+
+def _table(text: TextFile) -> tuple[list[str], list[str]]:
+    """Return the names of the columns of an unknown table, empty without a header, and its first row."""
+    rows = [cells_of(text.lines[row]) for row in text.rows[:LAYOUT_ROWS]]
+    start = max(range(len(rows)), key=lambda i: sum(map(is_number, rows[i])))
+    above = next((cells_of(line) for line, after in text.headers if after == start), [])
+    return [cell.lstrip("# ") for cell in above] if len(above) == len(rows[start]) else [], rows[start]
+
+
+def is_table(text: TextFile) -> bool:
+    """Whether most of the first lines have several numbers."""
+    counts = [sum(map(is_number, cells_of(text.lines[row]))) for row in text.rows[:LAYOUT_ROWS]]
+    return 2 * sum(count > 1 for count in counts) > len(counts)
+
+
+def listed(text: TextFile) -> str:
+    """Return the columns of a table for messages, with their numbers."""
+    names, row = _table(text)
+    found = ", ".join(f"{k} {name}" for k, name in enumerate(names or row, 1))
+    return f"the columns are {found[:LIST_WIDTH]}{'...' * (len(found) > LIST_WIDTH)}"
+
+
+def guessed_option(text: TextFile, values: Quantity) -> str:
+    """Return the option that names the columns of an unknown table, with `?` for those that cannot be guessed."""
+    names, row = _table(text)
+    words = [each.lower().replace("roll", "x").replace("pitch", "y").replace("yaw", "z") for each in names or row]
+    numeric = [k for k, cell in enumerate(row) if is_number(cell)]
+    grid = None if names else layout_grid(text, len(row))
+    stamps = [k for k in numeric if names and STAMPS.search(words[k])] or ([] if grid is None else rising(grid))
+    wanted = values.names[: len(values.names) - values.optional] or values.names
+    groups: dict[str, list[int]] = {}
+    for k in numeric:
+        if k not in stamps[:1]:
+            groups.setdefault(re.sub("[xyz0-9]", "", words[k]) if names else "", []).append(k)
+    fits = (
+        sorted(group, key=lambda k: words[k] if names else "")
+        for hint in values.hint.split("|")
+        for group in groups.values()
+        if len(group) == len(wanted) and (not names or re.search(hint, words[group[0]]))
+    )
+    places = dict(zip(("t", *wanted), [*(stamps[:1] or [-1]), *next(fits, [])], strict=False))
+    return "--columns " + ",".join(f"{name}={places.get(name, -1) + 1 or '?'}" for name in ("t", *wanted))
 
 
 def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
@@ -164,12 +309,12 @@ def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
     A row has more cells than the header names, as those of a comma table with decimal commas have; or the rows are
     samples of several sensors; or the timestamps do not rise, but another column does.
     """
-    some = spread(rows, LAYOUT_ROWS)
+    some, named = spread(rows, LAYOUT_ROWS), len(columns.names)
     cells = [cells_of(text.lines[row]) for row in some]
     for row, found in zip(some, cells, strict=True):
-        if 0 < len(columns.names) < len(found):
+        if 0 < named < len(found):
             raise text.error(
-                f"{len(found)} cells, but the header names {len(columns.names)} columns; if the numbers have decimal "
+                f"{len(found)} cells, but the header names {named} columns; if the numbers have decimal "
                 "commas, separate the columns by semicolons or tabs",
                 row,
             )
@@ -188,9 +333,31 @@ def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
         if others:
             raise text.error(
                 f"column {place + 1} was taken as time, but does not rise, unlike "
-                f"{' and '.join(f'column {k + 1}' for k in others)}; name the columns in a header, like t,wx,wy,wz",
+                f"{' and '.join(f'column {k + 1}' for k in others)}; choose: --columns t={others[0] + 1},...",
                 some[0],
             )
+
+
+def unit_of_time(
+    table: Table, columns: Columns, quantity: Quantity, rates: tuple[float, float] = (SLOWEST, FASTEST)
+) -> str:
+    """Return the unit of time that the timestamps of a table show, if they rise at one of `rates`, Hz.
+
+    Raises `FileFormatError`, with the option that sets the unit, if none or two fit.
+    """
+    # Timestamps that fit as nanoseconds fit in every unit, and their differences do not overflow.
+    table.check_range(TIME_UNITS["ns"])
+    if len(table.rows) < 2:
+        raise table.text.error("a log needs at least 2 samples, got 1", table.rows[0])
+    fits = units_of_time(table.timestamps, rates)
+    if len(fits) == 1:
+        return fits[0]
+    spacing = spacing_of(table.timestamps)
+    shown = " or ".join(f"{unit} ({1 / (spacing * SECONDS[unit]):.3g} Hz)" for unit in fits)
+    raise table.text.error(
+        f"cannot determine the unit of time: samples {spacing:.6g} apart fit {shown or 'none of s, ms, us, ns'}; check "
+        f"column {columns.places[0] + 1}, or give its unit: {columns.option(quantity, (fits or ['s'])[0])}"
+    )
 
 
 def layout_grid(text: TextFile, columns: int) -> FloatArray | None:
@@ -227,19 +394,3 @@ def time_column(grid: FloatArray) -> int:
     # In a short table a rate may rise by chance (in ten rows, in one of 10! orders), but not evenly.
     even = 0.5 * steps[-1] <= steps[steps > 0][0]
     return columns[0] if even or len(grid) >= 10 else 0
-
-
-def unit_from_spacing(table: Table) -> str:
-    """Return the unit of time that makes the median sample spacing that of a gyro."""
-    # Timestamps that fit as nanoseconds fit in every unit, and their differences do not overflow.
-    table.check_range(TIME_UNITS["ns"])
-    if len(table.rows) < 2:
-        raise table.text.error("a gyro log needs at least 2 samples, got 1", table.rows[0])
-    spacing = float(np.median(np.abs(np.diff(table.timestamps).astype(np.float64))))
-    for name, unit in TIME_UNITS.items():
-        if SPACING[0] <= spacing * float(unit) <= SPACING[1]:
-            return name
-    raise table.text.error(
-        f"cannot determine the unit of time: the median sample spacing is {spacing:g}, which is no gyro rate between "
-        "20 Hz and 8 kHz in s, ms, us or ns; check the column of timestamps"
-    )

@@ -1,26 +1,23 @@
-"""Gyro data inside pictures and videos: the GYRODATA trailer of a JPEG, and telemetry tracks.
-
-The telemetry's decoder makes room for a sample before it reads it, so sizes in MP4 and QuickTime videos (ISO/IEC
-14496-12, section 8.7.3) are checked first: otherwise a file of 39 kB takes 4 GiB.
-"""
+"""Gyro data inside pictures and videos: the GYRODATA trailer of a JPEG, and telemetry tracks."""
 
 from __future__ import annotations
 
 import contextlib
 import os
-import struct
+import sys
 from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
 from rsdeblur._util.extras import missing
 from rsdeblur._util.files import open_file
+from rsdeblur._util.mp4 import check_sample_sizes
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io._sensor import AVIF_BRANDS, BRANDS
 from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds
-from rsdeblur.io.source import Format, Refused, Source, check_trusted
+from rsdeblur.io.source import Format, Refused, Source, check_trusted, mistaken
 
 # Four-character codes of GoPro that telemetry-parser does not name: readout time (ms), electronic stabilisation.
 GOPRO_READOUT, GOPRO_STABILISED, GOPRO_STABILISER = "0x53524f54", "0x45495345", "0x45495341"
@@ -77,9 +74,18 @@ def is_video(source: Source) -> bool:
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Keep the parser's messages about unusual files off the terminal."""
-    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
+    """Keep the messages of the parser's native code about unusual files off the terminal."""
+    sys.stdout.flush()
+    saved = [(stream, os.dup(stream)) for stream in (1, 2)]
+    try:
+        with open(os.devnull, "w") as nowhere:
+            for stream, _ in saved:
+                os.dup2(nowhere.fileno(), stream)
         yield
+    finally:
+        for stream, copy in saved:
+            os.dup2(copy, stream)
+            os.close(copy)
 
 
 Blocks = list[Mapping[str, Any]]
@@ -94,7 +100,11 @@ def telemetry_of(source: Source) -> tuple[str, Blocks, Blocks]:
         raise source.error(missing("reading the gyro data of a video needs telemetry-parser", "telemetry")) from None
     except Refused as error:
         raise source.error(str(error)) from None
-    check_sample_sizes(source)
+    try:
+        with open_file(source.path, source.what) as file:
+            check_sample_sizes(file)
+    except ValueError as error:
+        raise source.error(f"the video is damaged: {error}") from None
     try:
         with _silence():
             parser = telemetry_parser.Parser(str(source.path))
@@ -157,6 +167,17 @@ def _read_video(source: Source, sensor: AnySensor) -> Samples:
     return Samples(nanoseconds(times, error_at), rates, error_at, unit, "gyroflow", None, "ms", facts, cautions)
 
 
+def other_log(source: Source) -> Format[Samples] | None:
+    """Return the format of a log that only telemetry-parser knows, such as Betaflight's; None if it does not either."""
+    if mistaken(source) is not None or source.path.suffix.lower() == ".zip":
+        return None
+    try:
+        samples = _read_video(source, GYRO)
+    except FileFormatError:
+        return None
+    return Format("telemetry", "log that telemetry-parser reads", lambda _: True, lambda _: samples)
+
+
 def _facts(camera: str, blocks: Blocks) -> dict[str, Any]:
     first = blocks[0].get("Default", {}) if blocks else {}
     facts: dict[str, Any] = {"camera": camera}
@@ -169,45 +190,6 @@ def _facts(camera: str, blocks: Blocks) -> dict[str, Any]:
         facts["stabilised"] = first.get(GOPRO_STABILISER, "yes")
     # telemetry-parser spaces the samples evenly, from zero at the first one; no frame is tied to that zero.
     return facts | {"time_zero": "the first gyro sample, not the first frame"}
-
-
-def check_sample_sizes(source: Source) -> None:
-    """Check the sizes of the samples of a video that is a file of its own."""
-    # Boxes that lead to the table of sizes.
-    containers = (b"moov", b"trak", b"mdia", b"minf", b"stbl")
-    with open_file(source.path, source.what) as file:
-        whole = file.seek(0, os.SEEK_END)
-        # Parts of the file that contain boxes; a list, because a damaged file may nest them without end.
-        parts = [(0, whole)]
-        while parts:
-            place, stop = parts.pop()
-            while place + 8 <= stop:
-                kind, start, place = _box(file, place, stop)
-                if kind in containers:
-                    parts.append((start, place))
-                elif kind == b"stsz":
-                    file.seek(start)
-                    table = file.read(place - start).ljust(12, b"\0")
-                    # Version and flags, the size of all samples or 0, their number; then the size of each.
-                    _, largest, count = struct.unpack_from(">III", table)
-                    each = np.frombuffer(table, ">u4", min(count, (len(table) - 12) // 4), 12)
-                    if (largest := largest or int(each.max(initial=0))) > whole:
-                        raise source.error(
-                            f"the video is damaged: it claims a sample of {largest} bytes, and has {whole} in all"
-                        )
-
-
-def _box(file: BinaryIO, place: int, stop: int) -> tuple[bytes, int, int]:
-    """Return the kind of the box at `place`, and where its content begins and ends, at `stop` at the latest."""
-    file.seek(place)
-    size, kind = struct.unpack(">I4s", file.read(8))
-    start = place + 8
-    if size == 1 and start + 8 <= stop:
-        (size,) = struct.unpack(">Q", file.read(8))
-        start += 8
-    # A size of 0 reaches to the end. Nothing can follow a box whose size is less than that of its header.
-    end = place + size if size >= start - place else stop
-    return kind, start, min(end, stop)
 
 
 def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:

@@ -9,16 +9,17 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from functools import cache, partial
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
 from rsdeblur._util import validate
+from rsdeblur.errors import InputError
 from rsdeblur.io import gyro_binary, gyro_tables, gyroflow
 from rsdeblur.io.gyro_tables import FACTS
 from rsdeblur.io.samples import ACCELEROMETER, GYRO, AnySensor, GyroFile, Samples, finish
 from rsdeblur.io.source import Format, Source, choose, members_of
-from rsdeblur.io.text import line_error
+from rsdeblur.io.text import cells_of, is_number, line_error
 from rsdeblur.motion.acceleration import AccelerationLog
 from rsdeblur.motion.axes import orientation as orientation_matrix
 from rsdeblur.motion.gyro import GyroLog
@@ -39,12 +40,13 @@ def read_gyro(
     unit: str | None = None,
     orientation: str | None = None,
     rate: float | None = None,
+    columns: str | None = None,
 ) -> GyroLog:
     r"""Read a gyro log.
 
     A zip archive is searched for a gyro log, and refused if it contains several that are equally likely. Units come
-    from the header; without one, rates are in rad/s and the unit of time (s, ms, us or ns) follows from the median
-    sample spacing, which is unambiguous for a gyro between 20 Hz and 8 kHz.
+    from the header; without one, the samples must show them: the unit of time (s, ms, us or ns) by a date since 2000,
+    the sampling rate and the span, degrees by the accelerometer beside the gyro. A unit that stays open is refused.
     Rates of ``gcsv``, ``gyroflow`` and ``video`` are in Gyroflow's frame (x up, y left, z back), those of the others in
     the sensor's own axes.
 
@@ -60,7 +62,10 @@ def read_gyro(
         Orientation string of Gyroflow, such as ``"YxZ"``, that turns the file's raw axes into Gyroflow's frame. It
         replaces the file's own.
     rate : float, optional
-        Sampling rate in Hz, 20 to 8000, of a log without timestamps; its first sample is then at time 0.
+        Sampling rate in Hz, 2 to 10000, of a log without timestamps; its first sample is then at time 0.
+    columns : str, optional
+        Columns of a table by names or by numbers from 1, perhaps with units: ``"t=time:us,gx=3,gy=4,gz=5"``. Lines
+        above the table are skipped. Rates are in the sensor's own axes.
 
     Returns
     -------
@@ -77,13 +82,13 @@ def read_gyro(
         int64, or the column of timestamps does not rise; if the log contains no timestamps and `rate` is missing, or
         contains timestamps and `rate` is given.
     InputError
-        If `unit`, `orientation` or `rate` is not a valid one.
+        If `unit`, `orientation`, `rate` or `columns` is not a valid one.
 
     Warns
     -----
     RsdeblurWarning
-        If samples were sorted or dropped, if the rates look like degrees or the timestamps like another unit, or if the
-        file gives reason for caution.
+        If samples were sorted or dropped, if the rates look like degrees, are slow or saturated, or if the file gives
+        reason for caution.
 
     Examples
     --------
@@ -93,7 +98,7 @@ def read_gyro(
     >>> rsdeblur.read_gyro("gyro.csv")
     GyroLog(t=[0, 0.01], rate=100, span=(0, 0.01), epoch_ns=0)
     """
-    return open_gyro(path, format, unit=unit, orientation=orientation, rate=rate).log
+    return open_gyro(path, format, unit=unit, orientation=orientation, rate=rate, columns=columns).log
 
 
 def open_gyro(
@@ -103,29 +108,32 @@ def open_gyro(
     unit: str | None = None,
     orientation: str | None = None,
     rate: float | None = None,
+    columns: str | None = None,
 ) -> GyroFile:
     """Read a gyro log, as :func:`read_gyro` does, with the other content of its file.
 
     Parameters
     ----------
-    path, format, unit, orientation, rate
+    path, format, unit, orientation, rate, columns
         See :func:`read_gyro`.
     """
     overrides: dict[str, Any] = {}
     if orientation is not None:
         validate.instance("orientation", orientation, str)
         overrides = {"turn": orientation_matrix(orientation), "axes": "gyroflow", "cautions": ()}
-    chosen, source, facts = _choose(path, GYRO, format)
+    chosen, source, facts = _choose(path, GYRO, format, columns)
     samples, path = chosen.read(source), source.path
     # Frees the content, perhaps a gigabyte, before the log is made.
     del source
-    samples = replace(samples, **overrides)
+    samples = _with_pauses(replace(samples, **overrides), facts.pop("pauses", []))
     facts = {**facts, **samples.facts} | ({"orientation": orientation} if orientation else {})
-    log = finish(samples, GYRO, unit, rate, partial(line_error, path))
-    return GyroFile(log, chosen.name, samples.axes, samples.time_unit, unit or samples.unit, facts)
+    log, unit = finish(samples, GYRO, unit, rate, partial(line_error, path))
+    return GyroFile(log, chosen.name, samples.axes, samples.time_unit, unit, facts)
 
 
-def read_acceleration(path: str | os.PathLike[str], *, unit: str | None = None) -> AccelerationLog:
+def read_acceleration(
+    path: str | os.PathLike[str], *, unit: str | None = None, columns: str | None = None
+) -> AccelerationLog:
     """Read the log of an accelerometer, from the file of a gyro log or its own.
 
     The formats are those of :func:`read_gyro`, except Gyroflow's projects; the axes are those in which it reads the
@@ -137,6 +145,8 @@ def read_acceleration(path: str | os.PathLike[str], *, unit: str | None = None) 
         The file; that of the gyro log if it contains both sensors.
     unit : {"m/s^2", "g", "mg"}, optional
         Unit of the accelerations, instead of that in the header or, without one, m/s^2.
+    columns : str, optional
+        Columns of a table, as for :func:`read_gyro`: ``"t=1,ax=5,ay=6,az=7"``.
 
     Returns
     -------
@@ -149,15 +159,16 @@ def read_acceleration(path: str | os.PathLike[str], *, unit: str | None = None) 
         If the file cannot be read or contains no accelerometer; if its median is not gravity in the unit, as after an
         app has removed gravity; if it is an archive of several recordings; or for the reasons of :func:`read_gyro`.
     InputError
-        If `unit` is not a valid one.
+        If `unit` or `columns` is not a valid one.
 
     Warns
     -----
     RsdeblurWarning
         If samples were sorted or dropped.
     """
-    chosen, source, _ = _choose(path, ACCELEROMETER, None)
-    return finish(chosen.read(source), ACCELEROMETER, unit, None, partial(line_error, source.path))
+    chosen, source, facts = _choose(path, ACCELEROMETER, None, columns)
+    samples = _with_pauses(chosen.read(source), facts.get("pauses", []))
+    return finish(samples, ACCELEROMETER, unit, None, partial(line_error, source.path))[0]
 
 
 def detect_gyro_format(path: str | os.PathLike[str]) -> str:
@@ -173,14 +184,16 @@ def detect_gyro_format(path: str | os.PathLike[str]) -> str:
     FileFormatError
         If the file cannot be read or is of no known format.
     """
-    return _choose(path, GYRO, None)[0].name
+    return _choose(path, GYRO)[0].name
 
 
 def _choose(
-    path: str | os.PathLike[str], sensor: AnySensor, format: str | None
+    path: str | os.PathLike[str], sensor: AnySensor, format: str | None = None, columns: str | None = None
 ) -> tuple[Format[Samples], Source, dict[str, Any]]:
     """Return the format, the source of the log (the file or a member of it), and facts from files beside it."""
-    known = formats(sensor)
+    if columns is not None and format is not None:
+        raise InputError("columns and format exclude each other: columns are of a table")
+    known = formats(sensor) if columns is None else (gyro_tables.columns_format(sensor, columns),)
     order = partial(_order, sensor=sensor)
     members = members_of(Source(path, sensor.what), order)
     facts = _facts_beside(members)
@@ -190,10 +203,11 @@ def _choose(
         if fitting := [member for member in group if any(each.fits(member) for each in tried)]:
             member = fitting[0] if len(fitting) == 1 else _only(Path(path), fitting, sensor)
             return choose(known, member, format), member, facts
-    advice = (
-        "; name the columns of a table in its first line, like t,wx,wy,wz, or with units t_ms,wx_deg_s,wy_deg_s,..."
-    )
-    return choose(known, members[0], format, advice=advice * (sensor is GYRO)), members[0], facts
+    if columns is not None:
+        return known[0], members[0], facts
+    if sensor is GYRO and (other := gyro_binary.other_log(members[0])) is not None:
+        return other, members[0], facts
+    return choose(known, members[0], format, quantity=sensor.quantity), members[0], facts
 
 
 def _order(name: str, sensor: AnySensor) -> tuple[bool, bool, str]:
@@ -205,12 +219,36 @@ def _order(name: str, sensor: AnySensor) -> tuple[bool, bool, str]:
 
 
 def _facts_beside(members: list[Source]) -> dict[str, Any]:
-    """Return device and app from Sensor Logger's `Metadata.csv`; empty if it is not among the files."""
+    """Return device and app from Sensor Logger's `Metadata.csv`, or the pauses of phyphox; empty without either."""
     for member in members:
         if member.path.name.lower() == "metadata.csv" and member.looks_like_text and len(member.text.lines) > 1:
             names, values = (line.strip().split(",") for line in member.text.lines[:2])
             return {name: value for name, value in zip(names, values, strict=False) if name in FACTS and value}
+        if member.path.parts[-2:] == ("meta", "time.csv") and member.looks_like_text:
+            return {"pauses": _pauses(member)}
     return {}
+
+
+def _pauses(member: Source) -> list[tuple[float, float]]:
+    """Return the pauses in phyphox's `meta/time.csv`: each its time in the experiment and its length, both in s."""
+    rows = [cells_of(line) for line in member.text.lines]
+    times = [(row[0], float(row[1]), float(row[2])) for row in rows if [*map(is_number, row[1:3])] == [True] * 2]
+    return [
+        (at, now - then)
+        for (before, at, then), (after, _, now) in pairwise(times)
+        if (before, after) == ("PAUSE", "START") and now > then
+    ]
+
+
+def _with_pauses(samples: Samples, pauses: list[tuple[float, float]]) -> Samples:
+    """Return samples whose clock, which stood still in pauses, runs on, so that each pause is a gap."""
+    if samples.ns is None or not pauses:
+        return samples
+    ns, cautions = samples.ns.copy(), list(samples.cautions)
+    for at, length in pauses:
+        ns[samples.ns >= round(at * 1e9)] += round(length * 1e9)
+        cautions.append(f"the recording was paused at {at:.6g} s for {length:.3f} s; the log has a gap there")
+    return replace(samples, ns=ns, cautions=cautions)
 
 
 def _only(archive: Path, members: list[Source], sensor: AnySensor) -> Source:
@@ -218,7 +256,8 @@ def _only(archive: Path, members: list[Source], sensor: AnySensor) -> Source:
     if sensor is GYRO:
         likely = [each for each in members if not gyro_tables.names_other_sensor(each.path.stem)] or members[:1]
         # Many tables fit these formats; the file of an app comes first.
-        logs = [each for each in likely if choose(formats(GYRO), each).name not in ("plain", "unstamped")] or likely
+        apps = [each for each in formats(GYRO) if each.name not in ("plain", "unstamped")]
+        logs = [each for each in likely if any(app.fits(each) for app in apps)] or likely
     else:
         logs = [each for each in members if each.path.name == members[0].path.name]
     if len(logs) > 1:

@@ -1,8 +1,7 @@
 """Logs of gyros and accelerometers that are text tables, and Sensor Logger's tables in JSON.
 
-Columns are found by name, or by the few layouts without a header. Apps differ only in names, order, units and
-separators, so there is one reader. The app that wrote the file decides the axes, and the unit of a column that names
-none.
+Columns are those that the user chose, or found by name, or by the few layouts without a header. Apps differ only in
+names, order, units and separators, so there is one reader. The app that wrote the file decides the axes.
 """
 
 from __future__ import annotations
@@ -17,108 +16,131 @@ import numpy as np
 
 from rsdeblur.io.columns import (
     RATE,
-    SPACING,
     TIME_UNITS,
     Columns,
     check_layout,
+    choices_of,
+    chosen_columns,
     layout_grid,
     named_columns,
     rising,
     time_column,
-    unit_from_spacing,
+    unit_of_time,
 )
-from rsdeblur.io.samples import GRAVITY, GYRO, AnySensor, Axes, Samples, table_samples
+from rsdeblur.io.samples import ACCELEROMETER, GRAVITY, GYRO, AnySensor, Axes, Samples, table_samples
 from rsdeblur.io.source import Format, Source, text_format
 from rsdeblur.io.text import TextFile, cells_of, is_number, read_table, separator_of
+from rsdeblur.motion.units import FASTEST, SLOWEST
 from rsdeblur.types import FloatArray
 
 # Android's sensor types: the gyro, the gyro whose bias the phone does not remove, and the accelerometer.
 GYRO_TYPE, UNCALIBRATED_TYPE, ACCELEROMETER_TYPE = "4", "16", "1"
-
-# Name of phyphox's second column in the languages of its users.
-PHYPHOX = re.compile("g[yi]ros[ck]op[a-z]{,2}x")
+UNCALIBRATED = {"bias": "not removed by the phone"}
 
 # Words in the file names of other sensors, whose tables may have the same columns as a gyro's.
 OTHER_SENSORS = re.compile(r"acc|gravity|magn|orientation|compass|barom", re.IGNORECASE)
 
+# Apps known by their headers, in lower case and without quotes, and the axes of their rates, which are in rad/s.
+# phyphox names the gyro in the languages of its users, or not at all.
+APPS: dict[str, tuple[str, str, Axes]] = {
+    "mars": ("MARS logger gyro_accel.csv", r"timestamp\[nanosec\], ?gx", "phone"),
+    "euroc": ("EuRoC or Kalibr IMU CSV", r".*(w_rs_s_x|omega_x.*alpha_x)", "sensor"),
+    "phyphox": ("phyphox Gyroscope.csv", r"\S+ \(s\)[,;\t] *(g[yi]ros[ck]op\w* )?x \(rad/s\)", "phone"),
+    "sensorlogger": ("Sensor Logger Gyroscope.csv", r"time[,;\t] *seconds_elapsed", "phone"),
+}
 
-def _samples(
-    text: TextFile, columns: Columns, unit: str, axes: Axes, rows: Sequence[int] | None = None, *, biased: bool = False
+
+def _read(
+    text: TextFile,
+    columns: Columns,
+    sensor: AnySensor,
+    axes: Axes = "sensor",
+    unit: str | None = None,
+    *,
+    forces: Columns | None = None,
+    rows: Sequence[int] | None = None,
 ) -> Samples:
-    """Read the table, or only `rows` of it; `unit` is that of values without one.
+    """Read a table, or only `rows` of it; `unit` is that of values without one, None if the samples must show it.
 
-    A missing unit of time follows from the sample spacing.
+    `forces` are the columns of the accelerometer beside a gyro.
     """
+    if not columns.is_named and sensor is GYRO and names_other_sensor(stem := text.path.stem):
+        raise text.error(f"the file is named after another sensor than the gyro ({stem}); give the gyro's file")
     lines = np.asarray(text.rows[columns.start :] if rows is None else rows, dtype=np.intp)
     t, x, y, z = columns.places
     table = read_table(text, lines, (x if t < 0 else t, x, y, z))
     check_layout(text, lines, columns)
-    units = sorted({unit for unit in columns.value_units if unit})
+    units = sorted({each for each in columns.units[1:] if each})
     if len(units) > 1:
         raise text.error(f"the values are in {' and '.join(units)}; they must all have one unit")
-    time = "none" if t < 0 else columns.time_unit or unit_from_spacing(table)
+    unit = units[0] if units else unit
+    time = "none" if t < 0 else columns.units[0] or unit_of_time(table, columns, sensor.quantity)
     return table_samples(
         table,
         None if t < 0 else table.nanoseconds(TIME_UNITS[time]),
-        unit=units[0] if units else unit,
+        unit=unit,
         axes=axes,
         time_unit=time,
-        facts={"bias": "not removed by the phone"} if biased else {},
+        option=partial(columns.option, sensor.quantity),
+        forces=read_table(text, lines, forces.places).values if forces and unit is None else None,
+        facts=UNCALIBRATED if "uncalibrated" in text.path.stem.lower() else {},
     )
 
 
-def table_format(
+def names_other_sensor(name: str) -> bool:
+    """Whether a file's name is that of another sensor's file."""
+    return OTHER_SENSORS.search(name) is not None and "gyr" not in name.lower()
+
+
+def _table(
     name: str,
     title: str,
     columns_of: Callable[[TextFile], Columns | None],
-    expected: str,
-    *,
-    fits: Callable[[TextFile, Columns], bool] = lambda text, columns: True,
+    sensor: AnySensor = GYRO,
     axes: Axes = "sensor",
-    unit: str = "rad/s",
-    is_nameless: Callable[[TextFile], bool] = lambda text: False,
+    unit: str | None = None,
+    forces_of: Callable[[TextFile], Columns | None] = lambda text: _plain_columns(text, ACCELEROMETER),
 ) -> Format[Samples]:
-    """Return a format of tables with the columns that `columns_of` finds; `expected` says what should be there.
-
-    `fits` returns whether a table with these columns looks like this format, `is_nameless` whether the columns do not
-    name the sensor, so that a file that is named after another one is refused. `unit` is that of values without one.
-    """
-
-    def sniff(text: TextFile) -> bool:
-        columns = columns_of(text)
-        return columns is not None and fits(text, columns)
+    """Return the format of the tables in which `columns_of` finds columns; see `_read`."""
 
     def read(text: TextFile) -> Samples:
         columns = columns_of(text)
         if columns is None:
-            raise text.error(f"expected {expected}", text.rows[0])
-        stem = text.path.stem
-        if is_nameless(text) and names_other_sensor(stem):
-            raise text.error(f"the file is named after another sensor than the gyro ({stem}); give the gyro's file")
-        return _samples(text, columns, unit, axes, biased="uncalibrated" in stem.lower())
+            raise text.error(f"expected {title}", text.rows[0])
+        forces = forces_of(text) if sensor is GYRO else None
+        is_beside = forces is not None and set(columns.places[1:]).isdisjoint(forces.places[1:])
+        return _read(text, columns, sensor, axes, unit, forces=forces if is_beside else None)
 
-    return text_format(name, title, sniff, read)
-
-
-def names_other_sensor(name: str) -> bool:
-    """Return whether a file's name is that of another sensor's file."""
-    return OTHER_SENSORS.search(name) is not None and "gyr" not in name.lower()
+    return text_format(name, title, lambda text: columns_of(text) is not None, read)
 
 
-def _sensorlogger_columns(text: TextFile) -> Columns | None:
+def columns_format(sensor: AnySensor, columns: str) -> Format[Samples]:
+    """Return the format of tables whose columns the user chose."""
+    chosen = choices_of(columns).get("gyro log", {})
+
+    def columns_of(text: TextFile, sensor: AnySensor = sensor) -> Columns:
+        return chosen_columns(text, columns, "gyro log", sensor.quantity, stamped=False)
+
+    forces_of = partial(columns_of, sensor=ACCELEROMETER) if "ax" in chosen else lambda text: None
+    return _table("columns", "table whose columns are given", columns_of, sensor, forces_of=forces_of)
+
+
+def _app_columns(text: TextFile, header: str) -> Columns | None:
+    columns = named_columns(text) or named_columns(text, RATE.bare)
+    if columns is None or not re.match(header, columns.header.lower().replace('"', "").lstrip()):
+        return None
     # Sensor Logger calls the columns of all its sensors z, y and x, in this order; some users rename them.
-    columns = named_columns(text, RATE.bare)
-    return replace(columns, time_unit="ns") if columns and {"time", "secondselapsed"} <= set(columns.names) else None
+    return replace(columns, is_named=any(columns.units[1:]) or named_columns(text) is not None)
 
 
-def _is_opencamera(text: TextFile, columns: Columns) -> bool:
+def _opencamera_columns(text: TextFile) -> Columns | None:
     grid = layout_grid(text, 4)
     if grid is None or 3 not in rising(grid):
-        return False
+        return None
     # The first column, a rate, may rise for a while too; but only timestamps in ns are whole numbers that far apart.
     timestamps = grid[:, 3]
-    spacing = (timestamps[-1] - timestamps[0]) / (len(text.rows) - 1)
-    return bool(SPACING[0] <= spacing <= SPACING[1] and (timestamps == np.rint(timestamps)).all())
+    rate = 1e9 * (len(text.rows) - 1) / (timestamps[-1] - timestamps[0])
+    return Columns((3, 0, 1, 2)) if SLOWEST <= rate <= FASTEST and (timestamps == np.rint(timestamps)).all() else None
 
 
 def _type_of(line: str) -> str:
@@ -127,7 +149,7 @@ def _type_of(line: str) -> str:
 
 
 def _is_tagged(text: TextFile) -> bool:
-    """Whether the lines read `type t_ns x y z`."""
+    """Whether the lines read `type t x y z`."""
     cells = cells_of(text.head)
     if len(cells) != 5 or not cells[1].isdecimal() or not all(map(is_number, cells[2:])):
         return False
@@ -137,7 +159,7 @@ def _is_tagged(text: TextFile) -> bool:
 
 
 def _tagged_format(sensor: AnySensor) -> Format[Samples]:
-    """Return the format of lines `type t_ns x y z`, of which the first type of the sensor is read."""
+    """Return the format of lines `type t x y z`, of which the first type of the sensor is read."""
     what, kinds = ("a gyro", [GYRO_TYPE, UNCALIBRATED_TYPE]) if sensor is GYRO else ("an accelerometer", ["1"])
 
     def read(text: TextFile) -> Samples:
@@ -150,8 +172,11 @@ def _tagged_format(sensor: AnySensor) -> Format[Samples]:
         kind = next((each for each in kinds if each in rows), "")
         if not kind:
             raise text.error(f"the file contains no samples of {what}: no line is of type {' or '.join(kinds)}")
-        columns = Columns((1, 2, 3, 4), "ns")
-        return _samples(text, columns, sensor.unit, "phone", rows[kind], biased=kind == UNCALIBRATED_TYPE)
+        samples = _read(text, Columns((1, 2, 3, 4), is_named=True), sensor, "phone", rows=rows[kind])
+        if samples.time_unit != "ns":
+            # Not DeepGyro: another program's unit of rates and axes.
+            return replace(samples, axes="sensor")
+        return replace(samples, unit=sensor.unit, facts=UNCALIBRATED if kind == UNCALIBRATED_TYPE else {})
 
     return text_format("deepgyro", "imu.txt with types, `type t_ns x y z`", _is_tagged, read)
 
@@ -163,7 +188,7 @@ def _plain_columns(text: TextFile, sensor: AnySensor = GYRO) -> Columns | None:
         return named
     is_own = ("gyr" if sensor is GYRO else "acc") in text.path.stem.lower()
     bare = named_columns(text, sensor.quantity.bare)
-    if bare is not None and (any(bare.value_units) or bare.sensors or is_own):
+    if bare is not None and (any(bare.units[1:]) or bare.sensors or is_own):
         return bare
     for width in (4, 7):
         grid = layout_grid(text, width)
@@ -185,7 +210,7 @@ def _sensors_beside(grid: FloatArray) -> tuple[list[Columns], list[Columns]]:
         # Impossible values, whose squares overflow, are refused later.
         with np.errstate(over="ignore"):
             size = float(np.median(np.linalg.norm(grid[:, (x, y, z)], axis=1)))
-        (accelerometers if abs(size - GRAVITY) < 2 else gyros).append(Columns((t, x, y, z)))
+        (accelerometers if abs(size - GRAVITY) < 2 else gyros).append(Columns((t, x, y, z), is_named=len(others) > 3))
     return gyros, accelerometers
 
 
@@ -231,78 +256,21 @@ def _read_json(source: Source, sensor: AnySensor) -> Samples:
     )
 
 
-NAMED = "a header that names the timestamps and the rates about x, y and z"
-GYRO_FORMATS: tuple[Format[Samples], ...] = (
-    table_format(
-        "mars",
-        "MARS logger gyro_accel.csv",
-        named_columns,
-        NAMED,
-        fits=lambda text, columns: columns.names[0] == "timestamp" and "[nanosec]" in text.head.lower(),
-        axes="phone",
-    ),
-    table_format(
-        "euroc",
-        "EuRoC or Kalibr IMU CSV",
-        named_columns,
-        NAMED,
-        fits=lambda text, columns: "wrssx" in columns.names or {"omegax", "alphax"} <= set(columns.names),
-    ),
-    table_format(
-        "phyphox",
-        "phyphox Gyroscope.csv",
-        named_columns,
-        NAMED,
-        fits=lambda text, columns: columns.time_unit == "s" and PHYPHOX.fullmatch(columns.names[1]) is not None,
-        axes="phone",
-    ),
-    table_format(
-        "sensorlogger",
-        "Sensor Logger Gyroscope.csv",
-        _sensorlogger_columns,
-        "the header of Sensor Logger: time, seconds_elapsed, z, y, x",
-        axes="phone",
-        is_nameless=lambda text: named_columns(text) is None,
-    ),
-    _tagged_format(GYRO),
-    table_format(
-        "opencamera",
-        "OpenCamera Sensors gyro.csv, `x,y,z,t_ns`",
-        lambda text: Columns((3, 0, 1, 2)),
-        "`x,y,z,t_ns`",
-        fits=_is_opencamera,
-        axes="phone",
-        is_nameless=lambda text: True,
-    ),
-    table_format(
-        "plain",
-        "`t wx wy wz` or `wx wy wz t`",
-        # If the user names the format, columns called x, y and z are rates, unless the file's name says otherwise.
-        lambda text: _plain_columns(text) or named_columns(text, RATE.bare),
-        "four numbers `t wx wy wz`, or a header that names them",
-        fits=lambda text, columns: _plain_columns(text) is not None,
-        is_nameless=lambda text: _plain_columns(text) is None,
-    ),
-    table_format(
-        "unstamped",
-        "`wx wy wz` without timestamps, with a sampling rate",
-        _unstamped_columns,
-        "three numbers `wx wy wz`, or a header that names them and no timestamps",
-        is_nameless=lambda text: True,
-    ),
-)
-
-
 def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
     """Return the formats of a sensor's logs."""
     json = Format("sensorlogger-json", "Sensor Logger JSON export", _is_json, partial(_read_json, sensor=sensor))
-    if sensor is GYRO:
-        return (json, *GYRO_FORMATS)
-    table = table_format(
-        "plain",
-        "table with named columns, or columns that show gravity",
-        lambda text: _plain_columns(text, sensor),
-        "columns of timestamps and accelerations",
-        unit=sensor.unit,
+    if sensor is not GYRO:
+        title = "table with named columns, or columns that show gravity"
+        plain = _table("plain", title, partial(_plain_columns, sensor=sensor), sensor, unit=sensor.unit)
+        return json, plain, _tagged_format(sensor)
+    apps = (
+        _table(name, title, partial(_app_columns, header=header), axes=axes, unit="rad/s")
+        for name, (title, header, axes) in APPS.items()
     )
-    return json, table, _tagged_format(sensor)
+    opencamera = "OpenCamera Sensors gyro.csv, `x,y,z,t_ns`"
+    return (
+        *(json, *apps, _tagged_format(GYRO)),
+        _table("opencamera", opencamera, _opencamera_columns, axes="phone", unit="rad/s"),
+        _table("plain", "`t wx wy wz` or `wx wy wz t`, or a header that names them", _plain_columns),
+        _table("unstamped", "`wx wy wz` without timestamps, with a sampling rate", _unstamped_columns),
+    )

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from rsdeblur._util.base91 import base91_decode
 from rsdeblur._util.extras import missing
 from rsdeblur.choices import Distortion
 from rsdeblur.errors import FileFormatError, InputError
@@ -41,7 +42,8 @@ DIRECTIONS = {
     "right-left": ("3", "90", "righttoleft"),
 }
 
-BASE91 = b'ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789!#$%&()*+,./:;<=>?@[]^_`{|}~"'
+# Degrees: hardly any profile is of a longer lens. mm: widths of sensors, from cropped ones of phones to medium format.
+NARROWEST, SENSORS = 12.0, (3.0, 60.0)
 
 
 def readout_of(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -139,7 +141,9 @@ def _read_project(source: Source) -> Samples:
         t_ms, rates, unit = _decoded(source, raw)
         if rates.shape[1:] != (3,):
             raise ValueError("a sample is not three rates")
-        letters = gyro.get("imu_orientation") or metadata.get("imu_orientation")
+        # Gyroflow's export of metadata has it beside the samples.
+        places = (gyro, metadata, project)
+        letters = next((word for place in places if (word := place.get("imu_orientation"))), None)
         cautions = [] if letters else [_without_orientation(DEFAULT_ORIENTATION)]
         # Applied in Gyroflow's order: bias (deg/s, raw axes, added), orientation, rotation (pitch, roll, yaw in deg).
         bias = np.array(gyro.get("gyro_bias") or (0, 0, 0), dtype=np.float64)
@@ -209,24 +213,6 @@ def _payload(source: Source, text: str) -> bytes:
         reason = f"unpack to more than {limit} bytes" if len(data) == limit else "are cut off"
         raise source.error(f"the gyro data of the project {reason}; save the project again")
     return data
-
-
-def base91_decode(text: bytes) -> bytes:
-    """Decode basE91 (Henke): two characters carry 13 or 14 bits."""
-    others = bytes(set(range(256)).difference(BASE91))
-    values = text.translate(bytes(max(BASE91.find(code), 0) for code in range(256)), others)
-    out, bits, count = bytearray(), 0, 0
-    for low, high in zip(values[::2], values[1::2], strict=False):
-        pair = low + 91 * high
-        bits |= pair << count
-        count += 13 if pair & 8191 > 88 else 14
-        while count > 7:
-            out.append(bits & 255)
-            bits >>= 8
-            count -= 8
-    if len(values) % 2:
-        out.append((bits | values[-1] << count) & 255)
-    return bytes(out)
 
 
 def _looks_like_bincode(data: bytes) -> bool:
@@ -315,6 +301,7 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
             text = f"the readout time of {1e3 * readout_time:.3g} ms is implausible; users submit these, so measure it"
         assumed.append(Assumption("readout_time", text))
     focal_length = matrix[0, 0] / crop, matrix[1, 1] / crop
+    assumed += [Assumption("focal_length", text) for text in _doubts(profile, width, *focal_length)]
     if model == "fisheye" and math.hypot(width / 2 / focal_length[0], height / 2 / focal_length[1]) > lens.reach(k):
         text = "the calibration does not reach the picture's corners, where the lens model is extrapolated"
         assumed.append(Assumption("distortion", text))
@@ -335,6 +322,25 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
         distortion=() if model == "none" else k,
         timestamp_marks="middle",
     )
+
+
+def _doubts(profile: Mapping[str, Any], width: int, fx: float, fy: float) -> list[str]:
+    """Return why the focal lengths of a profile, in px of a picture of this width, are hardly those of its lens."""
+    doubts, measure = [], "; measure it: rsdeblur calibrate"
+    if fx > 0 < fy and max(fx, fy) / min(fx, fy) > 1.05:
+        doubts.append(f"the focal lengths along x and y, {fx:.0f} and {fy:.0f} px, differ by more than 5%{measure}")
+    view = math.degrees(2 * math.atan(width / 2 / fx))
+    if view < NARROWEST:
+        doubts.append(f"the focal length of {fx:.0f} px means a field of view of {view:.3g} degrees{measure}")
+    # The name of a zoom lens contains its range.
+    named = re.findall(r"(?<![\d.-])(\d+(?:\.\d+)?) ?mm", f"{profile.get('lens_model')}".lower())
+    millimetres = float(profile.get("focal_length") or (named[0] if len(named) == 1 else 0))
+    sensor = millimetres * width / fx
+    if millimetres and not SENSORS[0] < sensor < SENSORS[1]:
+        doubts.append(
+            f"a focal length of {fx:.0f} px and a lens of {millimetres:g} mm mean a sensor of {sensor:.3g} mm{measure}"
+        )
+    return doubts
 
 
 def _refuse_unmodelled(source: Source, profile: Mapping[str, Any]) -> None:

@@ -23,6 +23,8 @@ MODELS: dict[str, Distortion] = {
     "kannala_brandt4": "fisheye",
     "none": "none",
 }
+# Names of the transformation from IMU to camera axes, and of its inverse: Kalibr, ADVIO; OpenVINS, EuRoC, maplab.
+FORWARD, INVERSE = ("T_cam_imu", "T_C_B"), ("T_imu_cam", "T_ic", "T_BS", "T_B_C", "body_T_cam0")
 # Bounds in characters and in values; calibrations have a few thousand and a few hundred.
 LONGEST, MOST_VALUES = 100_000, 10_000
 
@@ -110,7 +112,7 @@ def _of_maplab(entry: dict[str, Any]) -> dict[str, Any]:
         "distortion_coeffs": distortion.get("parameters", []),
         "line_delay": float(entry.get("line-delay-nanoseconds") or 0) * 1e-9,
     }
-    return renamed | ({"T_BS": entry["T_B_C"]} if "T_B_C" in entry else {})
+    return renamed | {key: entry[key] for key in (*FORWARD, *INVERSE, "timeshift_cam_imu") if key in entry}
 
 
 def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]) -> dict[str, Any]:
@@ -150,12 +152,10 @@ def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]
 
 def _imu_to_camera(entry: dict[str, Any], assumptions: list[Assumption]) -> FloatArray:
     """Return the rotation from IMU to camera axes; files contain the transformation or its inverse."""
-    if "T_cam_imu" in entry:
-        return _rotation(entry["T_cam_imu"])
-    for inverse in ("T_imu_cam", "T_ic", "T_BS"):
-        if inverse in entry:
-            return _rotation(entry[inverse]).T
-    text = "the file has no axes of the IMU (no T_cam_imu): they are assumed to be those of the camera"
+    for key in (*FORWARD, *INVERSE):
+        if key in entry:
+            return _rotation(entry[key]) if key in FORWARD else _rotation(entry[key]).T
+    text = f"the file has no axes of the IMU ({', '.join((*FORWARD, *INVERSE))}): those of the camera are assumed"
     assumptions.append(Assumption("imu_to_camera", text))
     return np.eye(3)
 

@@ -20,10 +20,11 @@ from PIL import Image
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write, check_target, reserve
 from rsdeblur._util.files import checked_path
+from rsdeblur._util.tags import PREFIX
 from rsdeblur.errors import InputError, OutputError
+from rsdeblur.image.quantise import quantised
 from rsdeblur.io import _tiff
 from rsdeblur.io._metadata import PNG_IPTC, Picture, png_iptc, renewed
-from rsdeblur.io.exif import PREFIX
 from rsdeblur.io.pictures import DAMAGE
 
 KINDS = {
@@ -199,21 +200,6 @@ def _depth(path: Path, kind: str, source: NDArray[Any] | None, bits: int | None)
         allowed = ", ".join(map(str, DEPTHS[kind]))
         raise OutputError(f"{path}: {kind} cannot hold {bits} bits per sample, only {allowed}; use another extension")
     return bits
-
-
-def quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:
-    """Return values in [0, 1] as samples of `bits` bits; 32 is float32."""
-    if image.dtype.kind == "u":
-        if 8 * image.dtype.itemsize == bits:
-            return image
-        image = image / np.float32(np.iinfo(image.dtype).max)
-    if bits == 32:
-        return image.astype(np.float32)
-    # float16 cannot represent 65535.
-    clipped: NDArray[Any] = np.clip(image, 0.0, 1.0).astype(np.promote_types(image.dtype, np.float32))
-    clipped *= 2**bits - 1
-    levels: NDArray[Any] = np.rint(clipped, out=clipped).astype(np.uint8 if bits == 8 else np.uint16)
-    return levels
 
 
 def encode(kind: str, picture: Picture) -> bytes:

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
-from rsdeblur.io.columns import ACCELERATION, RATE, SPACING, Quantity
+from rsdeblur.io.columns import ACCELERATION, RATE, TIME_UNITS, Quantity
 from rsdeblur.io.text import INT64_LIMIT, Table, line_error
 from rsdeblur.motion.acceleration import AccelerationLog
-from rsdeblur.motion.gyro import LARGEST_RATE, GyroLog
+from rsdeblur.motion.gyro import LARGEST_RATE, SUSPICIOUS_MEDIAN, SUSPICIOUS_PEAK, GyroLog
+from rsdeblur.motion.units import FASTEST, SLOWEST, saturated, shows_degrees
 from rsdeblur.types import FloatArray
 
 # The frame of the rates: a phone's (x right, y up, z out of the screen, whichever app wrote them), Gyroflow's (x up,
@@ -26,6 +27,8 @@ Axes = Literal["phone", "gyroflow", "sensor"]
 
 # m/s^2. At rest an accelerometer shows gravity, in nearly every sample; a gyro does not.
 GRAVITY = 9.80665
+# Hz, twice the frequencies of a hand's shake.
+SHAKE_RATE = 50.0
 
 Log = TypeVar("Log", GyroLog, AccelerationLog)
 ErrorAt = Callable[[str, int], FileFormatError]
@@ -73,7 +76,8 @@ class Samples:
     """Rates or accelerations in `unit`, shape (n, 3)."""
     error_at: ErrorAt
     """Returns the error for a message about sample i."""
-    unit: str = "rad/s"
+    unit: str | None = "rad/s"
+    """Unit of the values; None if the samples must show it."""
     axes: Axes = "phone"
     """The frame of the values after `turn`, the rotation from the file's axes."""
     turn: FloatArray | None = None
@@ -83,6 +87,10 @@ class Samples:
     """Other content of the file, for reports."""
     cautions: Sequence[str] = ()
     """Reasons to distrust the log; each becomes a warning."""
+    forces: FloatArray | None = None
+    """Accelerations beside the rates, in their axes and in any unit, shape (n, 3)."""
+    option: Callable[[str], str] | None = None
+    """Returns the option that sets the unit of time of a table."""
 
 
 @one_line()
@@ -123,41 +131,81 @@ def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64
 
 def finish(
     samples: Samples, sensor: Sensor[Log], unit: str | None, rate: float | None, error: Callable[[str], FileFormatError]
-) -> Log:
-    """Make the log: repair what is harmless, refuse what is not, scale the values."""
+) -> tuple[Log, str]:
+    """Return the log and the unit of its values in the file: repair what is harmless, refuse what is not."""
     if unit is not None:
         validate.choice("unit", unit, sensor.units)
-    unit = unit or samples.unit
     is_gyro = sensor.values == "rates"
-    _check_values(samples, sensor.values, unit, error)
-    t, values, epoch, repairs = ordered(_timestamps(samples, rate, error), samples)
+    likely = unit or samples.unit or sensor.unit
+    _check_values(samples, sensor.values, likely, error)
+    ns, cautions = _timestamps(samples, rate, error), list(samples.cautions)
+    sizes: FloatArray = sensor.units[likely] * np.sqrt(np.einsum("ij,ij->i", samples.values, samples.values))
+    if not is_gyro:
+        _check_gravity(float(np.median(sizes)), sensor.units, likely, error)
+    elif np.mean(np.abs(sizes - GRAVITY) < 0.5) > 0.9:
+        raise error(
+            "these look like the samples of an accelerometer at rest (9.8 m/s^2), not of a gyro; "
+            "give the gyro's file, or the unit if it is not rad/s"
+        )
+    elif unit is None and samples.unit is None:
+        likely = _unit_of_rates(samples, ns, cautions, error)
+    unit = likely
+    t, values, epoch, repairs = ordered(ns, samples)
     if sensor.units[unit] != 1:
         values = values * sensor.units[unit]
-    sizes: FloatArray = np.sqrt(np.einsum("ij,ij->i", values, values))
-    if is_gyro:
-        if np.mean(np.abs(sizes - GRAVITY) < 0.5) > 0.9:
-            raise error(
-                "these look like the samples of an accelerometer at rest (9.8 m/s^2), not of a gyro; "
-                "give the gyro's file, or the unit if it is not rad/s"
-            )
-    else:
-        _check_gravity(float(np.median(sizes)), sensor.units, unit, error)
+    # Extremes are those of the raw axes.
+    if is_gyro and (count := saturated(samples.values * sensor.units[unit])):
+        cautions.append(
+            f"the gyro was saturated: {count} of {len(values)} samples are equal extremes, {np.abs(values).max():.3g} "
+            "rad/s; the motion was faster, so the blur of those moments is unknown; set a wider range of the gyro"
+        )
     try:
-        log = sensor.make(t, values, epoch)
+        with warnings.catch_warnings():
+            if len(cautions) > len(samples.cautions):
+                # Degrees are excluded, or extremes explain the large rates.
+                warnings.simplefilter("ignore", RsdeblurWarning)
+            log = sensor.make(t, values, epoch)
     except InputError as reason:
         raise samples.error_at(str(reason), 0) if len(t) < 2 else error(str(reason)) from reason
-    for caution in _cautions(samples, log.rate, repairs) if is_gyro else [f"accelerometer: {each}" for each in repairs]:
+    if is_gyro:
+        cautions = [*_rate_cautions(samples, log.rate, error), *cautions, *repairs]
+    for caution in cautions if is_gyro else [f"accelerometer: {each}" for each in repairs]:
         warnings.warn(str(error(caution)), RsdeblurWarning, stacklevel=3)
-    return log
+    return log, unit
 
 
-def _cautions(samples: Samples, rate: float, repairs: list[str]) -> list[str]:
-    """Return reasons to distrust a gyro log."""
-    # Gyros sample at 20 Hz to 8 kHz; beyond these bounds timestamps are rather in another unit, by a factor of 1000.
-    if 5.0 <= rate <= 50_000.0:
-        return [*samples.cautions, *repairs]
-    text = f"the timestamps in {samples.time_unit} mean a sampling rate of {rate:.3g} Hz"
-    return [*samples.cautions, *repairs, f"{text}, but a gyro's is 20 to 8000 Hz; is the unit of time right?"]
+def _rate_cautions(samples: Samples, rate: float, error: Callable[[str], FileFormatError]) -> list[str]:
+    """Return a caution about a slow gyro; raise `FileFormatError` for one that is faster than any, in Hz."""
+    if rate <= FASTEST:
+        slow = f"the gyro was sampled at {rate:.3g} Hz; shake needs {SHAKE_RATE:g} Hz, so much of the motion is missing"
+        return [slow] if rate < SHAKE_RATE else []
+    ns = TIME_UNITS.get(samples.time_unit)
+    fits = (unit for unit, each in reversed(TIME_UNITS.items()) if ns and rate * float(ns / each) <= FASTEST)
+    option = samples.option(next(fits, "s")) if samples.option is not None else "check the unit of time"
+    raise error(
+        f"the timestamps in {samples.time_unit} mean a sampling rate of {rate:.3g} Hz, but no gyro is faster than "
+        f"10 kHz; give the unit of time: {option}"
+    )
+
+
+def _unit_of_rates(
+    samples: Samples, ns: NDArray[np.int64], cautions: list[str], error: Callable[[str], FileFormatError]
+) -> str:
+    """Return the unit of rates for which the file names none, and add a caution if it is not rad/s."""
+    if samples.forces is not None and shows_degrees(ns, samples.values, samples.forces):
+        cautions.append(
+            "the rates are taken as deg/s: gravity, which the accelerometer shows, does not turn as rates in rad/s "
+            "would turn it; --unit replaces that"
+        )
+        return "deg/s"
+    sizes = np.linalg.norm(samples.values, axis=1)
+    median, peak = float(np.median(sizes)), float(sizes.max())
+    if median > SUSPICIOUS_MEDIAN or peak > SUSPICIOUS_PEAK:
+        raise error(
+            f"the file names no unit of its rates, and a median of {median:.3g} and a peak of {peak:.3g} look "
+            "like degrees; give the unit: unit (--unit deg/s or --unit rad/s)"
+        )
+    return "rad/s"
 
 
 def _check_gravity(size: float, units: Mapping[str, float], unit: str, error: Callable[[str], FileFormatError]) -> None:
@@ -206,8 +254,8 @@ def _timestamps(samples: Samples, rate: float | None, error: Callable[[str], Fil
             "timestamps t, time or timestamp"
         )
     rate = validate.finite("rate", rate, above=0.0)
-    if not SPACING[0] <= 1e9 / rate <= SPACING[1]:
-        raise InputError(f"rate must be a gyro's sampling rate from 20 to 8000 Hz, got {rate:g}")
+    if not SLOWEST <= rate <= FASTEST:
+        raise InputError(f"rate must be a gyro's sampling rate from 2 to 10000 Hz, got {rate:g}")
     ns: NDArray[np.int64] = np.rint(np.arange(len(samples.values)) * (1e9 / rate)).astype(np.int64)
     return ns
 

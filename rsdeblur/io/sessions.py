@@ -47,6 +47,7 @@ def open_session(
     capture: Path | None = None,
     numbered_from: int | None = None,
     without: Path | None = None,
+    columns: str | None = None,
 ) -> Session:
     """Find log, captures, camera and photos in a folder of MARS logger, OpenCamera Sensors or DeepGyro.
 
@@ -60,7 +61,7 @@ def open_session(
     if capture is None:
         capture, file = _captures(folder, [path for path in files if path != gyro])
     else:
-        file = open_captures(capture)
+        file = open_captures(capture, columns)
     photos = photos_in(folder, files)
     matched = _matched(photos, capture, file.timestamps, numbered_from)
     if all(photo.error == UNNUMBERED for photo in matched):
@@ -143,9 +144,11 @@ def nearest_captures(timestamps: list[int], times: Iterable[int]) -> list[int]:
     return places
 
 
-def indices_of(photos: list[Path], capture: Path, *, numbered_from: int | None = None) -> list[SessionPhoto]:
+def indices_of(
+    photos: list[Path], capture: Path, *, numbered_from: int | None = None, columns: str | None = None
+) -> list[SessionPhoto]:
     """Return the exposure of each photo in a capture file, by the timestamps or frame numbers in the photos' names."""
-    return _matched(photos, capture, open_captures(capture).timestamps, numbered_from)
+    return _matched(photos, capture, open_captures(capture, columns).timestamps, numbered_from)
 
 
 def _matched(photos: list[Path], capture: Path, timestamps: list[int], numbered_from: int | None) -> list[SessionPhoto]:

@@ -17,7 +17,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from rsdeblur._util import validate
 from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError
-from rsdeblur.io.columns import RATE, named_columns
+from rsdeblur.io.columns import RATE, Quantity, guessed_option, is_table, listed, named_columns
 from rsdeblur.io.text import TextFile
 
 # Bytes that are enough to recognise any format by its start.
@@ -184,13 +184,18 @@ def mistaken(source: Source) -> FileFormatError | None:
         if (format := next(fits, None)) is not None:
             title = f" ({format.title})" if format.title != kind.name else ""
             rates = source.what == "gyro log" and source.looks_like_text and named_columns(source.text, RATE.bare)
-            more = ", or if x, y and z are rates, add --gyro-format plain" if rates else ""
+            more = f", or if x, y and z are rates, add {rates.option(RATE)}" if rates else ""
             return source.error(f"not a {source.what}: it looks like a {kind.name}{title}; {kind.advice}{more}")
     return None
 
 
-def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None, *, advice: str = "") -> Format[T]:
-    """Return the format called `name`; without a name, the first whose `sniff` accepts the content."""
+def choose(
+    formats: Sequence[Format[T]], source: Source, name: str | None = None, *, quantity: Quantity | None = None
+) -> Format[T]:
+    """Return the format called `name`; without a name, the first whose `sniff` accepts the content.
+
+    The error for an unknown table lists its columns, and prints the option that names those of `quantity`.
+    """
     known = "; ".join(f"{each.name} ({each.title})" for each in formats)
     if name is not None:
         validate.instance("format", name, str)
@@ -205,11 +210,11 @@ def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None
         raise error
     if source.looks_like_json and b"{" in source.head:
         _ = source.json  # raises with the place where a file was cut off
-    start = source.text.head.strip()[:60]
-    raise source.text.error(
-        f"unknown {source.what} format, the content starts with {start!r}{advice}; known formats: {known}",
-        source.text.rows[0],
-    )
+    text, advice = source.text, f"known formats: {known}"
+    if quantity is not None and is_table(text):
+        advice = f"{listed(text)}; choose those of the {source.what}: {guessed_option(text, quantity)}"
+    start = text.head.strip()[:60]
+    raise text.error(f"unknown {source.what} format, the content starts with {start!r}; {advice}", text.rows[0])
 
 
 def is_archive(source: Source) -> bool:

@@ -4,40 +4,54 @@ from __future__ import annotations
 
 import os
 import re
-
-import numpy as np
+from dataclasses import replace
 
 from rsdeblur.errors import InputError
 from rsdeblur.io.columns import (
-    LENGTH_SPELLINGS,
     TIME_UNITS,
     Columns,
     Quantity,
     check_layout,
+    chosen_columns,
     layout_grid,
     named_columns,
+    unit_of_time,
 )
 from rsdeblur.io.samples import ordered, table_samples
 from rsdeblur.io.source import Format, Source, choose, text_format
-from rsdeblur.io.text import Table, TextFile, line_error, read_table
+from rsdeblur.io.text import TextFile, line_error, read_table
 from rsdeblur.motion.trajectory import Trajectory
+from rsdeblur.motion.units import LENGTH_SPELLINGS, dated_unit
 
 WHAT = "trajectory"
-POSITION = Quantity.of("t|p|pos|position|translation|prsr|prs", LENGTH_SPELLINGS).bare
-QUATERNION = [re.compile(rf"(q|quat|quaternion|qrs|rotation|rot|orientation){axis}") for axis in "xyzw"]
+POSITION = Quantity.of("", "t|p|pos|position|translation|prsr|prs", LENGTH_SPELLINGS, "pos|trans|loc|^[tp]?x").bare
+POSE = replace(
+    POSITION,
+    names=(*POSITION.names, "qx", "qy", "qz", "qw"),
+    patterns=(
+        *POSITION.patterns,
+        *(re.compile(rf"(q|quat|quaternion|qrs|rotation|rot|orientation){axis}") for axis in "xyzw"),
+    ),
+    optional=4,
+)
+# Hz, of visual-inertial odometry and motion capture.
+POSE_RATES = (1.0, 1000.0)
 
 
-def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
+def read_trajectory(path: str | os.PathLike[str], *, columns: str | None = None) -> Trajectory:
     """Read positions, and perhaps orientations, that another program found.
 
     Reads tables without a header in the TUM format (``t tx ty tz qx qy qz qw``) or without quaternions (``t x y z``),
-    and tables whose header names the columns, as EuRoC's ground truth. Without a unit in the header, times are in s or
-    in ns, which the spacing shows.
+    and tables whose header names the columns, as EuRoC's ground truth. Without a unit in the header, a date since 2000
+    shows that of time, or the spacing, of 1 ms to 1 s.
 
     Parameters
     ----------
     path : path-like
         The file, as exported from visual-inertial odometry, ARKit, ARCore or motion capture.
+    columns : str, optional
+        Columns of a table by names or by numbers from 1, perhaps with units: ``"t=1:ms,x=2,y=3,z=4"``, and ``qx``,
+        ``qy``, ``qz``, ``qw``. Lines above the table are skipped.
 
     Returns
     -------
@@ -49,48 +63,44 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     FileFormatError
         If the file cannot be read, is not such a table or contains fewer than two poses; or, naming the line, if a
         cell is not a finite number, a timestamp conflicts with another, or a quaternion's norm is not 1.
+    InputError
+        If `columns` is not valid.
     """
     source = Source(path, WHAT)
-    return choose(FORMATS, source).read(source)
+    if columns is not None:
+        return _read(source.text, chosen_columns(source.text, columns, WHAT, POSE))
+    return choose(FORMATS, source, quantity=POSE).read(source)
 
 
-def _read(text: TextFile) -> Trajectory:
-    columns, quaternion = _columns(text)
+def _read(text: TextFile, columns: Columns | None = None) -> Trajectory:
+    columns = columns or _columns(text)
     rows = text.rows[columns.start :]
     check_layout(text, rows, columns)
-    table = read_table(text, rows, (*columns.places, *quaternion))
-    unit = columns.time_unit or _unit_of(table)
+    table = read_table(text, rows, columns.places)
+    # Keyframes are many seconds apart.
+    dated = dated_unit(table.timestamps)
+    unit = columns.units[0] or (dated if dated == "s" else unit_of_time(table, columns, POSE, POSE_RATES))
     samples = table_samples(table, None, unit="m", axes="sensor", time_unit=unit)
     t, values, epoch, _ = ordered(table.nanoseconds(TIME_UNITS[unit]), samples)
     try:
-        return Trajectory(t, values[:, :3], values[:, 3:] if quaternion else None, epoch)
+        return Trajectory(t, values[:, :3], values[:, 3:] if len(columns.places) == 8 else None, epoch)
     except InputError as reason:
         raise line_error(text.path, str(reason)) from reason
 
 
-def _columns(text: TextFile) -> tuple[Columns, list[int]]:
-    """Return the columns of times and positions, and the places of the quaternion's x, y, z and w, if there are any."""
-    named = named_columns(text, POSITION)
-    if named is not None:
-        places = [next((k for k, name in enumerate(named.names) if each.fullmatch(name)), -1) for each in QUATERNION]
-        return named, [] if -1 in places else places
-    if layout_grid(text, 8) is not None:
-        return Columns((0, 1, 2, 3)), [4, 5, 6, 7]
-    if layout_grid(text, 4) is not None:
-        return Columns((0, 1, 2, 3)), []
+def _columns(text: TextFile) -> Columns:
+    """Return the columns of times and positions, and of quaternions if there are any."""
+    if (named := named_columns(text, POSE)) is not None:
+        return named
+    for count in (8, 4):
+        if layout_grid(text, count) is not None:
+            return Columns(tuple(range(count)))
     raise text.error("no poses: expected `t tx ty tz qx qy qz qw`, or a header that names these columns", text.rows[0])
 
 
 def _sniff(text: TextFile) -> bool:
     # Raises `FileFormatError`, which means no.
-    _columns(text)
-    return True
-
-
-def _unit_of(table: Table) -> str:
-    # Poses are 1 ms to hours apart. In that range a spacing in s is below this number, one in ns above it.
-    steps = np.diff(table.timestamps).astype(np.float64)
-    return "ns" if len(steps) and np.median(np.abs(steps)) > 1e5 else "s"
+    return bool(_columns(text))
 
 
 FORMATS: tuple[Format[Trajectory], ...] = (

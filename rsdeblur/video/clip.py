@@ -263,7 +263,7 @@ def exposures_from_timestamps(
 
 
 def exposures_from_captures(
-    clip: Clip, path: str | os.PathLike[str], *, duration: float | None = None
+    clip: Clip, path: str | os.PathLike[str], *, duration: float | None = None, columns: str | None = None
 ) -> list[Exposure]:
     """Return the exposure of each frame from a logger's file with a line for each frame.
 
@@ -278,6 +278,8 @@ def exposures_from_captures(
         The capture file.
     duration : float, optional
         Exposure time in s; replaces the file's.
+    columns : str, optional
+        Columns of the file, see :func:`rsdeblur.read_captures`.
 
     Raises
     ------
@@ -292,7 +294,7 @@ def exposures_from_captures(
         If the file lists more frames, or its times differ from those of the video by half a frame interval or more.
     """
     path = checked_path(path)
-    file, count = open_captures(path), len(clip)
+    file, count = open_captures(path, columns), len(clip)
     listed = encoded_timestamps(path) or file.timestamps
     if len(listed) < count:
         raise FileFormatError(

@@ -14,7 +14,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from rsdeblur.io.gyroflow import BASE91
+from rsdeblur._util.base91 import BASE91
 
 # A timestamp in ns that float64 cannot represent, and the samples in all logs: t in ns; x, y, z in rad/s or m/s^2.
 EPOCH, STEP = 1_766_385_749_427_863_801, 5_000_000
@@ -49,6 +49,7 @@ SENSORLOGGER = "time,seconds_elapsed,z,y,x\n"
 PHONE = {
     "phyphox": (PHYPHOX, "{s},{x},{y},{z}", "phyphox"),
     "phyphox in another language": (ZEIT, "{s},{x},{y},{z}", "phyphox"),
+    "phyphox without the sensor": ("Time (s),X (rad/s),Y (rad/s),Z (rad/s)\n", "{s},{x},{y},{z}", "phyphox"),
     "spaces between tabs": (PHYPHOX.replace(",", "\t"), "{s}\t{x}\t{y}\t{z}", "phyphox"),
     "sensor logger": (SENSORLOGGER, "{t},-0.1,{z},{y},{x}", "sensorlogger"),
     "quoted cells": (SENSORLOGGER, '"{t}","0.1","{z}","{y}","{x}"', "sensorlogger"),
@@ -74,7 +75,6 @@ SENSOR = {
     "a bar": ("", "{t}|{x}|{y}|{z}", "plain"),
     "a separator at the end": ("", "{t},{x},{y},{z},", "plain"),
     "header behind a per cent sign": ("% t wx wy wz\n", "{t} {x} {y} {z}", "plain"),
-    "units of a gyro": ("Time (s),X (rad/s),Y (rad/s),Z (rad/s)\n", "{s},{x},{y},{z}", "plain"),
     "lines above the header": ("From an app\nDevice: phone\nts;gyro x;gyro y;gyro z\n", "{t};{x};{y};{z}", "plain"),
     "dates beside the timestamps": ("t\tdate\tgx\tgy\tgz\n", "{s}\t2024-01-01 10:00:00\t{x}\t{y}\t{z}", "plain"),
     "dates": ("timestamp,wx,wy,wz\n", "{d},{x},{y},{z}", "plain"),
@@ -290,6 +290,8 @@ distortion_model: radial-tangential
 distortion_coefficients: [-0.05, 0.001, 0.001, -0.002]
 """,
 }
+
+KALIBR["advio"] = KALIBR["maplab"].replace("T_B_C", "T_cam_imu").replace(str(INVERSE), str(MATRIX))
 
 CAMERA_TOML = [
     b"""# a camera

@@ -129,7 +129,7 @@ class TestKalibr:
         assert camera.distortion == (-0.05, 0.001, 0.001, -0.002)
         assert camera.readout_time == pytest.approx(0.0 if form == "euroc" else 300 * 5e-5)
         # t_imu = t_cam + shift, and camera time = gyro time + offset
-        assert camera.time_offset == (0.0 if form in ("euroc", "maplab") else -0.012)
+        assert camera.time_offset == (0.0 if form in ("euroc", "maplab", "advio") else -0.012)
         assert ("readout_time" in lacks) == (form == "euroc")
         assert any("swapped to 400x300" in each.text for each in file.assumptions) == ("swapped" in form)
 
@@ -139,6 +139,22 @@ class TestKalibr:
         assert "2 cameras (cam0, cam1); cam0 is used" in open_camera(path).assumptions[0].text
         with pytest.raises(FileFormatError, match=r"'cam7' .* cam0, cam1"):
             open_camera(path, name="cam7")
+
+
+@pytest.mark.parametrize(
+    ("fx", "fy", "lens", "words"),
+    [
+        (210, 230, "", "more than 5%"),
+        (2100, 2100, "", "field of view of 10.9 degrees"),
+        (210, 210, "50mm f/1.8", "a lens of 50 mm mean a sensor of 95.2 mm"),
+        (210, 215, "18-55mm", None),
+    ],
+)
+def test_implausible_profiles_are_remarked(write: Write, fx: float, fy: float, lens: str, words: str | None) -> None:
+    matrix = {"camera_matrix": [[fx, 0, 200], [0, fy, 150], [0, 0, 1]], "distortion_coeffs": [0] * 4}
+    profile = files.PROFILE | {"fisheye_params": matrix, "lens_model": lens, "compatible_settings": None}
+    remarks = [each for each in open_camera(write(json.dumps(profile))).remarks if "readout" not in each]
+    assert (len(remarks), (words or "") in "".join(remarks)) == (int(words is not None), True)
 
 
 def photo(path: Path, size: tuple[int, int] = (400, 300), **tags: Any) -> Path:

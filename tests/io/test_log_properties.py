@@ -19,6 +19,7 @@ from rsdeblur.motion.gyro import GyroLog
 
 UNITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 RATE_UNITS = {"rad/s": 1.0, "deg/s": np.pi / 180, "mrad/s": 1e-3, "mdeg/s": np.pi / 180_000}
+RATE_UNITS |= dict.fromkeys(("°/s", "dps", "degrees/s"), np.pi / 180)
 # A file is overwritten by every example, which is quick; more of them are run by hand.
 LAW = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -28,10 +29,11 @@ Log = tuple[list[int], np.ndarray]
 
 @st.composite
 def logs(draw: st.DrawFn) -> Log:
-    """Return timestamps in ns and rates with three decimals: 25 Hz to 5 kHz, 20% of jitter, any origin."""
+    """Return timestamps in ns and rates with three decimals: 25 Hz to 1.6 kHz, 20% of jitter, since a start or 1970."""
     # In a log of a few rows a rate may rise by chance while the timestamps do not.
     count = draw(st.integers(12, 80))
-    step, start = draw(st.integers(200, 40_000)) * 1000, draw(st.integers(0, 2 * 10**18))
+    step = draw(st.integers(600, 40_000)) * 1000
+    start = draw(st.integers(0, 9 * 10**14) | st.integers(950_000_000 * 10**9, 2 * 10**18))
     random = np.random.default_rng(draw(st.integers(0, 2**32)))
     jitter = random.integers(0, step // 5000, count).tolist()
     # Rates that turn round, so that only the timestamps rise.

@@ -15,9 +15,10 @@ import tifffile
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from rsdeblur._util.tags import block_of, tags_of
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import _metadata, read_picture, write_picture
-from rsdeblur.io.exif import Exif, block_of, renewed, tags_of, with_orientation
+from rsdeblur.io.exif import Exif, renewed, with_orientation
 from rsdeblur.io.picture_output import iptc_segment, picture_to_fill
 from rsdeblur.io.pictures import Picture
 from tests.hostile.packets import KEPT, LOST, with_thumbnail

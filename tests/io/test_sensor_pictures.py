@@ -10,8 +10,8 @@ import pytest
 from PIL import Image, ImageCms
 
 from rsdeblur.errors import FileFormatError
+from rsdeblur.image.profile import linear_profile
 from rsdeblur.io import read_picture, write_picture
-from rsdeblur.io._metadata import linear_profile
 from rsdeblur.io.exif import Exif
 from tests._util import files as seeds
 from tests.installed import needs

@@ -13,10 +13,11 @@ from PIL.ExifTags import IFD, Base
 from rsdeblur import read_trajectory
 from rsdeblur.errors import ClockError, FileFormatError, InputError
 from rsdeblur.io import read_captures, read_clocks
-from rsdeblur.io.exif import Exif, capture_time, on_clock_of, shown_time
+from rsdeblur.io.exif import Exif, capture_time, shown_time
 from rsdeblur.io.sessions import camera_in, files_in
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.wall_clock import on_clock_of
 from tests._util.files import ANDROID, CAPTURES, EPOCH, NEXT, RATES, TIMESTAMPS, TRAJECTORIES, trailer
 
 Write = Callable[..., Path]

@@ -162,9 +162,11 @@ GYRO: list[Fault] = [
     ("# one\n0.0,1,2,3\n", 2, "at least 2 samples"),
     ("0.00,1,2,3\n0.01,1,2,1e200\n0.02,1,2,3\n", 2, "impossible rates"),
     ("a,b\n1,2\n", 1, "unknown gyro log format"),
-    ("0,1,2,3,4\n1,1,2,3,4\n", 1, "known formats: .*gcsv .*mars .*deepgyro .*plain"),
+    ("0,1,2,3,4\n1,1,2,3,4\n", 1, "columns are 1 0, 2 1, .*--columns t="),
     ("t,wx[rpm],wy[rpm],wz[rpm]\n" + GOOD, 1, "unknown gyro log format"),
-    ("time_ms,rot_x,rot_y,rot_z\n0,1,2,3\n5,1,2,3\n", 1, "name the columns"),
+    ("time_ms,rot_x,rot_y,rot_z\n0,1,2,3\n5,1,2,3\n", 1, "--columns t=1,gx=2,gy=3,gz=4"),
+    *((f"t[{unit}],gx,gy,gz\n0,1,2,3\n5,1,2,3\n10,1,2,3\n", 0, words) for unit, words in (
+        ("us", "200 kHz|2e\\+05 Hz"), ("ns", "--columns t=1:ms"))),
     ("4 0 1 2 3\n4 5 1 2 3\nx 9 1 2 3\n", 3, "'x' is not a sensor type"),
     ("4 0 1 2 3\n1 5 1 2 3\n4 9 1 2\n1 5 1 2 3\n", 3, "too few columns: 4 found, at least 5"),
     (GCSV + "gscale,-1\nt,gx,gy,gz\n0,1,2,3\n", 2, "gscale must be a number from"),
@@ -186,7 +188,6 @@ GYRO: list[Fault] = [
     ("MATLAB 5.0 MAT-file".ljust(200, "\0"), 0, "MAT-file; save the table as CSV"),
     (MARS, 0, "no samples"),
     ("1 0 1 2 3\n2 5 1 2 3\n", 0, "no line is of type 4"),
-    ("0.0,1,2,3\n0.1,1,2,3\n0.2,1,2,3\n", 0, "unit of time: .*0.1"),
     ("0,1,2,3\n100000,1,2,3\n", 0, "unit of time"),
     *((f"0.5,1,2,3\n1.5,1,2,3\n{t},1,2,3\n3.5,1,2,3\n", 3, "column 1 is not a number") for t in (
         "-.", "1_0.5", "1.-5", "5 5.5", "0x10", "1d5")),
@@ -243,15 +244,15 @@ ACCELERATIONS: list[Fault] = [
     *((text, 0, "") for text in ("t,wx,wy,wz\n" + rows("{t},1,2,3"), rows("4 {t} 1 2 3"), rows("{t},1,2,3"))),
 ]  # fmt: skip
 CAPTURES: list[Fault] = [
-    ("1000.5 20\n1033.8 20\n", 1, "the timestamps have fractions, so they are not in ns"),
-    ("5 100\n5 200\n", 2, "timestamp 5 ns occurs twice"),
-    ("1\n9\n5\n7\n", 3, "timestamp 5 ns comes after 9 ns"),
+    ("1000.5 20\n1033.8 20\n", 1, "33.3 apart .* give the unit of time: --columns t=1:ms,exposure=2"),
+    ("5 100\n5 200\n", 2, "timestamp 5 occurs twice"),
+    ("1\n9\n5\n7\n", 3, "timestamp 5 comes after 9"),
     (f"{ANDROID}\nnull,1,1,1,5000000,1,1\n", 3, "'null' in column 1 is not a number"),
     (f"{IOS}\n1,1,1,1,1,5000000\n2,1,1,1,1,0\n", 4, "impossible exposure time of 0 ns"),
     ("1000000 0.05\n2000000 0.05\n", 1, "exposure time of 0.05 ns"),
     ("1 100\n2", 2, "cut off"),
-    ("a b c\n", 1, "known formats: .*mars .*deepgyro"),
-    *((f"{text}0{name}\n33{name}\n66{name}\n", 0, "33 ns apart; name the unit") for text, name in (
+    ("a b c\n", 1, "known formats: .*named .*deepgyro"),
+    *((f"{text}0{name}\n33{name}\n66{name}\n", 0, "33 apart .* --columns t=1:ms") for text, name in (
         ("", ""), ("timestamp\n", ""), ("", ",a.png"), ("", " 20"),
     )),
     ("", 0, "empty"),

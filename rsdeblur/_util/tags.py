@@ -1,0 +1,123 @@
+"""Directories of tags in EXIF blocks and TIFF files, whose entries may be changed in place."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection
+from contextlib import suppress
+from fractions import Fraction
+from mmap import mmap
+from typing import Any
+
+import numpy as np
+from PIL.ExifTags import IFD, Base
+from tifffile import TIFF
+
+# Errors that damaged blocks raise.
+DAMAGE = (SyntaxError, ValueError, TypeError, LookupError, struct.error, OSError)
+PREFIX = b"Exif\0\0"
+ORIENTATION = Base.Orientation
+# Kinds of whole numbers in TIFF.
+SHORT, LONG = 3, 4
+# Tables that the tables of a block point to.
+POINTERS: dict[int | None, tuple[int, ...]] = {None: (IFD.Exif, IFD.GPSInfo), IFD.Exif: (IFD.Interop,)}
+# Values by tag: their kind, their number, and their bytes, least significant first; or the values of another table.
+Tags = dict[int, "tuple[int, int, bytes] | Tags"]
+
+
+class Directory:
+    """A directory in the bytes of a block or of a TIFF file, whose entries may be changed in place."""
+
+    def __init__(self, data: bytes | bytearray | mmap, start: int | None = None) -> None:
+        if bytes(data[:4]) not in (b"II*\0", b"MM\0*"):
+            raise ValueError("it does not begin like TIFF")
+        self.data: Any = data
+        self.order = "<" if data[:2] == b"II" else ">"
+        start = self.unpack("I", 4) if start is None else start
+        self.end = start + 2 + 12 * self.unpack("H", start)
+        self.places = {self.unpack("H", place): place for place in range(start + 2, self.end, 12)}
+
+    def unpack(self, kind: str, place: int) -> int:
+        return int(struct.unpack_from(self.order + kind, self.data, place)[0])
+
+    def number(self, tag: int) -> int:
+        """Return a whole number; 0 if it is missing."""
+        place = self.places.get(tag)
+        kind = self.unpack("H", place + 2) if place is not None else 0
+        if place is None or kind not in (SHORT, LONG, 13):  # 13: the place of a table
+            return 0
+        return self.unpack("H" if kind == SHORT else "I", place + 8)
+
+    def set(self, tag: int, kind: int, value: int) -> None:
+        """Change a number that is there."""
+        if (place := self.places.get(tag)) is not None:
+            form = "HHI" + ("I" if kind == LONG else "Hxx")
+            struct.pack_into(self.order + form, self.data, place, tag, kind, 1, value)
+
+    def scale(self, tag: int, by: Fraction) -> None:
+        """Multiply a ratio of two numbers that is there."""
+        if (entry := self.places.get(tag)) is None:
+            return
+        place = self.unpack("I", entry + 8)
+        above, below = struct.unpack_from(f"{self.order}II", self.data, place)
+        scaled = (Fraction(above, below or 1).limit_denominator(10**6) * by).limit_denominator(10_000)
+        if below and scaled.numerator < 2**32:
+            struct.pack_into(f"{self.order}II", self.data, place, *scaled.as_integer_ratio())
+
+    def value(self, tag: int) -> tuple[int, int, bytes]:
+        """Return kind, number and bytes of the values of a tag."""
+        entry = self.places[tag]
+        kind, count = self.unpack("H", entry + 2), self.unpack("I", entry + 4)
+        form = TIFF.DATA_FORMATS[kind]
+        size = count * struct.calcsize(f"={form}")
+        place = entry + 8 if size <= 4 else self.unpack("I", entry + 8)
+        if place + size > len(self.data):
+            raise ValueError("a value lies beyond the end")
+        unit = struct.calcsize(f"={form[-1]}")
+        values = np.frombuffer(self.data[place : place + size], f"{self.order}u{unit}")
+        return kind, count, values.astype(f"<u{unit}").tobytes()
+
+    def tags(self, wanted: Collection[int] | None = None, table: int | None = None) -> Tags:
+        """Return the values of all or the `wanted` tags and of the tables behind them, without what is damaged."""
+        found: Tags = {}
+        size = 0
+        for tag in self.places:
+            with suppress(*DAMAGE):
+                if tag in POINTERS.get(table, ()):
+                    if start := self.number(tag):
+                        found[tag] = Directory(self.data, start).tags(None, tag)
+                elif wanted is None or tag in wanted:
+                    found[tag] = value = self.value(tag)
+                    size += len(value[2])
+            if size > len(self.data):
+                raise ValueError("values of its tags overlap")
+        return {tag: value for tag, value in found.items() if value}
+
+
+def tags_of(data: bytes | mmap, wanted: Collection[int] | None = None) -> Tags:
+    """Return the tags of an EXIF block or of a classic TIFF file, or only the `wanted` ones of the first directory.
+
+    Raises ValueError, LookupError or `struct.error` if the first directory is damaged.
+    """
+    return Directory(data[len(PREFIX) :] if data[: len(PREFIX)] == PREFIX else data).tags(wanted)
+
+
+def directory(tags: Tags, start: int) -> bytes:
+    """Return a directory as it is written at the even offset `start`, with its values and tables behind it."""
+    entries, body = struct.pack("<H", len(tags)), b""
+    for tag, value in sorted(tags.items()):
+        place = start + 6 + 12 * len(tags) + len(body)
+        if isinstance(value, dict):
+            kind, count, data, behind = LONG, 1, struct.pack("<I", place), directory(value, place)
+        else:
+            kind, count, data = value
+            behind = data + bytes(len(data) % 2) if len(data) > 4 else b""
+            data = struct.pack("<I", place) if behind else data.ljust(4, b"\0")
+        entries += struct.pack("<HHI", tag, kind, count) + data
+        body += behind
+    return entries + bytes(4) + body
+
+
+def block_of(tags: Tags) -> bytes:
+    """Return an EXIF block with these tags."""
+    return PREFIX + b"II*\0\x08\0\0\0" + directory(tags, 8)
