@@ -35,7 +35,7 @@ from rsdeblur.types import FloatArray
 TIMESTAMP_SHARES: dict[TimestampMarks, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
 
 # Readout time of a camera that does not state it, and its standard deviation, s: phones' (docs/readout-times.md).
-UNKNOWN_READOUT = {"readout_time": 20e-3, "readout_sd": 10e-3}
+UNKNOWN_READOUT: dict[str, Any] = {"readout_time": 20e-3, "readout_sd": 10e-3}
 
 # Former keys of camera files, which are still read.
 FORMER_KEYS = {

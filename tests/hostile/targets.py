@@ -26,7 +26,7 @@ from tests._util import files
 from tests.hostile import packets
 from tests.hostile.mutate import mutated
 
-AS_IS: dict[str, Any] = dict.fromkeys(("format", "unit", "orientation"))
+AS_IS: dict[str, Any] = dict.fromkeys(("format", "unit", "orientation", "columns"))
 WRITTEN = (".jpg", ".png", ".tif", ".webp", ".npy")
 MAPPED = (".npy", ".tif", ".png")
 
@@ -85,7 +85,7 @@ def _acceleration(path: Path) -> None:
 
 
 def _trajectory(path: Path) -> None:
-    json.dumps(describe_trajectory(path))
+    json.dumps(describe_trajectory(path, AS_IS))
 
 
 def _camera(path: Path) -> None:
@@ -93,7 +93,7 @@ def _camera(path: Path) -> None:
 
 
 def _captures(path: Path) -> None:
-    json.dumps(describe_captures(path))
+    json.dumps(describe_captures(path, AS_IS))
 
 
 def _picture(path: Path) -> None:
