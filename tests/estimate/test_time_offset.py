@@ -106,7 +106,7 @@ def test_small_pictures_are_refused():
 @pytest.mark.parametrize("line", ["", "time_offset = 0.5 # guessed\n"])
 def test_the_camera_file_keeps_its_other_lines(tmp_path, line):
     file = tmp_path / "camera.toml"
-    file.write_text(f"# mine\nwidth = 64\nheight = 48\n{line}focal_length = 70.0")
+    file.write_text(f"# mine\nwidth = 64\nheight = 48\n{line}focal_length = 70.0\nreadout_time = 0.01")
     write_time_offset(file, -1.25e-3)
     assert read_camera(file).time_offset == -1.25e-3
     text = file.read_text()
