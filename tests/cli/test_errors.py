@@ -153,7 +153,8 @@ def test_input_that_looks_wrong_warns_in_one_line(run, files, tmp_path: Path) ->
     log = files.samples() * [1, 10, 10, 10]
     log[60:, 1] += 60.0
     files.write_gyro(log)
-    result = run("info", files.gyro, "--gyro", files.gyro, "--camera", files.camera, "--capture", files.captures)
+    call = ("info", files.gyro, "--unit", "rad/s", "--gyro", files.gyro, "--camera", files.camera)
+    result = run(*call, "--capture", files.captures)
     assert (result.exit_code, len(result.stderr.splitlines())) == (0, 1)
 
 
