@@ -197,7 +197,7 @@ def test_info_on_unknown_files(run, files, tmp_path: Path) -> None:
     strange, table = tmp_path / "strange.bin", tmp_path / "rates.csv"
     strange.write_bytes(bytes(range(256)) * 8)
     table.write_text("time_ms,rot_x,rot_y,rot_z\n0,1,2,3\n")
-    words = "unknown gyro log format", "like t,wx,wy,wz", "not a camera file, a capture file"
+    words = "unknown gyro log format", "--columns t=1,gx=2,gy=3,gz=4", "not a camera file, a capture file"
     refused(run("info", table), table, *words)
     # The other files are described all the same.
     mixed = run("info", strange, files.camera)
