@@ -1,4 +1,4 @@
-"""basE91 (Henke): binary data as text."""
+"""Binary data as text: basE91 (Henke)."""
 
 from __future__ import annotations
 

@@ -168,11 +168,11 @@ def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def describe_trajectory(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
+def describe_trajectory(path: Path, reading: dict[str, Any] | None = None) -> dict[str, Any]:
     """Return the properties of a trajectory."""
     import numpy as np
 
-    track = rs.read_trajectory(path, columns=reading["columns"])
+    track = rs.read_trajectory(path, columns=(reading or {}).get("columns"))
     return {
         "kind": "trajectory",
         "poses": len(track.t),
@@ -229,9 +229,9 @@ def _preset_of(camera: rs.Camera) -> str | None:
     return " or ".join(fits) or None
 
 
-def describe_captures(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
+def describe_captures(path: Path, reading: dict[str, Any] | None = None) -> dict[str, Any]:
     """Return the exposures in a capture file."""
-    file = rs.open_captures(path, reading["columns"])
+    file = rs.open_captures(path, (reading or {}).get("columns"))
     exposures = [
         {"start_ns": timestamp} | ({} if duration is None else {"duration_s": duration})
         for timestamp, duration in zip(file.timestamps, file.durations, strict=True)

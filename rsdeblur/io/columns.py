@@ -269,9 +269,9 @@ def _table(text: TextFile) -> tuple[list[str], list[str]]:
 
 
 def is_table(text: TextFile) -> bool:
-    """Whether most of the first lines have several numbers."""
+    """Whether half of the first lines have several numbers."""
     counts = [sum(map(is_number, cells_of(text.lines[row]))) for row in text.rows[:LAYOUT_ROWS]]
-    return 2 * sum(count > 1 for count in counts) > len(counts)
+    return 2 * sum(count > 1 for count in counts) >= len(counts)
 
 
 def listed(text: TextFile) -> str:

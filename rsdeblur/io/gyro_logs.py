@@ -1,7 +1,7 @@
 """Logs of gyros and accelerometers in the formats of common apps and cameras.
 
 To add a format, write its `sniff` and `read` in a file of its own and add its `formats` to `FAMILIES`; the first whose
-`sniff` accepts the content wins. One more table of text is a row of `gyro_tables.GYRO_FORMATS`, before `plain`.
+`sniff` accepts the content wins. One more app that writes a table is a row of `gyro_tables.APPS`.
 """
 
 from __future__ import annotations

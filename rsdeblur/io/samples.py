@@ -138,7 +138,8 @@ def finish(
     is_gyro = sensor.values == "rates"
     likely = unit or samples.unit or sensor.unit
     _check_values(samples, sensor.values, likely, error)
-    ns, cautions = _timestamps(samples, rate, error), list(samples.cautions)
+    ns: NDArray[np.int64] = _timestamps(samples, rate, error)
+    cautions: list[str] = list(samples.cautions)
     sizes: FloatArray = sensor.units[likely] * np.sqrt(np.einsum("ij,ij->i", samples.values, samples.values))
     if not is_gyro:
         _check_gravity(float(np.median(sizes)), sensor.units, likely, error)
@@ -167,9 +168,8 @@ def finish(
             log = sensor.make(t, values, epoch)
     except InputError as reason:
         raise samples.error_at(str(reason), 0) if len(t) < 2 else error(str(reason)) from reason
-    if is_gyro:
-        cautions = [*_rate_cautions(samples, log.rate, error), *cautions, *repairs]
-    for caution in cautions if is_gyro else [f"accelerometer: {each}" for each in repairs]:
+    about = [*_rate_cautions(samples, log.rate, error), *cautions] if is_gyro else []
+    for caution in (*about, *(each if is_gyro else f"accelerometer: {each}" for each in repairs)):
         warnings.warn(str(error(caution)), RsdeblurWarning, stacklevel=3)
     return log, unit
 

@@ -93,9 +93,9 @@ def test_info_shows_the_accelerometer_and_trajectories(run: Run, tmp_path: Path)
 
 def test_compare_writes_pictures_facts_and_a_report(run: Run, files: Files, tmp_path: Path) -> None:
     out, page = tmp_path / "new" / "out", tmp_path / "report.html"
-    # Rates as if in degrees: accepted with a warning, which the report repeats.
+    # Rates as if in degrees, with a unit: accepted with a warning, which the report repeats.
     files.write_gyro(files.samples() * [1, 6, 6, 6])
-    options = ["--drift", "1,-2", "--truth", files.photo, "-o", out, "--report", page]
+    options = ["--unit", "rad/s", "--drift", "1,-2", "--truth", files.photo, "-o", out, "--report", page]
     result = run("compare", files.photo, *files.recording, *options)
     assert result.exit_code == 0, result.stderr
     names = {"global.png", "banded.png", "rowwise.png", "side-by-side.png", "psfs.png", "compare.json"}
@@ -174,7 +174,7 @@ def test_info_reports_coverage_and_suspicious_units(run: Run, files: Files) -> N
     text = files.gyro.read_text().splitlines()
     degrees = [",".join([line.split(",")[0], "80.0", "0.0", "0.0"]) for line in text[1:]]
     files.gyro.write_text("\n".join([text[0], *degrees]) + "\n")
-    (entry,) = json.loads(run("info", files.gyro, "--json").stdout)["files"]
+    (entry,) = json.loads(run("info", files.gyro, "--unit", "rad/s", "--json").stdout)["files"]
     assert "degrees" in " ".join(entry["remarks"])
 
 

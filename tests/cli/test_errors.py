@@ -145,7 +145,8 @@ def test_input_that_looks_wrong_warns_in_one_line(run, files, tmp_path: Path) ->
     log = files.samples() * [1, 10, 10, 10]
     log[60:, 1] += 60.0
     files.write_gyro(log)
-    result = run("info", files.gyro, "--gyro", files.gyro, "--camera", files.camera, "--capture", files.captures)
+    call = ("info", files.gyro, "--unit", "rad/s", "--gyro", files.gyro, "--camera", files.camera)
+    result = run(*call, "--capture", files.captures)
     assert (result.exit_code, len(result.stderr.splitlines())) == (0, 1)
 
 
@@ -188,7 +189,7 @@ def test_info_on_unknown_files(run, files, tmp_path: Path) -> None:
     strange, table = tmp_path / "strange.bin", tmp_path / "rates.csv"
     strange.write_bytes(bytes(range(256)) * 8)
     table.write_text("time_ms,rot_x,rot_y,rot_z\n0,1,2,3\n")
-    words = "unknown gyro log format", "like t,wx,wy,wz", "not a camera file, a capture file"
+    words = "unknown gyro log format", "--columns t=1,gx=2,gy=3,gz=4", "not a camera file, a capture file"
     refused(run("info", table), table, *words)
     # The other files are described all the same.
     mixed = run("info", strange, files.camera)

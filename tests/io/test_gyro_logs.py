@@ -122,7 +122,7 @@ SHEET = "GYROFLOW IMU LOG\norientation;YxZ\ntscale;0,001\ngscale;0,5\nt;gx;gy;gz
         (SHEET, 0, 10_000_000, [2, -1, 3]),
         ('"' + SHEET.replace(",", ".").replace(";", '","').replace("\n", '"\n"')[:-1], 0, 10_000_000, [2, -1, 3]),
         # 2.5 ns and 2500007.5 ns, rounded half to even.
-        ("GYROFLOW IMU LOG\ntscale,2.5e-9\norientation,XYZ\nt,gx,gy,gz\n1,1,2,3\n1000003,1,2,3", 2, 2_500_006, [1, 2, 3]),
+        ("GYROFLOW IMU LOG\ntscale,2.5e-9\norientation,XYZ\nt,gx,gy,gz\n1,1,2,3\n1000003,1,2,3", 2, 2500006, [1, 2, 3]),
     ],
 )  # fmt: skip
 @pytest.mark.filterwarnings("ignore:.*xzY")
