@@ -31,6 +31,7 @@ GRAVITY = 9.80665
 SHAKE_RATE = 50.0
 
 Log = TypeVar("Log", GyroLog, AccelerationLog)
+Error = Callable[[str], FileFormatError]
 ErrorAt = Callable[[str, int], FileFormatError]
 
 
@@ -130,7 +131,7 @@ def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64
 
 
 def finish(
-    samples: Samples, sensor: Sensor[Log], unit: str | None, rate: float | None, error: Callable[[str], FileFormatError]
+    samples: Samples, sensor: Sensor[Log], unit: str | None, rate: float | None, error: Error
 ) -> tuple[Log, str]:
     """Return the log and the unit of its values in the file: repair what is harmless, refuse what is not."""
     if unit is not None:
@@ -150,31 +151,28 @@ def finish(
         )
     elif unit is None and samples.unit is None:
         likely = _unit_of_rates(samples, ns, cautions, error)
-    unit = likely
     t, values, epoch, repairs = ordered(ns, samples)
-    if sensor.units[unit] != 1:
-        values = values * sensor.units[unit]
+    if sensor.units[likely] != 1:
+        values = values * sensor.units[likely]
     # Extremes are those of the raw axes.
-    if is_gyro and (count := saturated(samples.values * sensor.units[unit])):
+    if is_gyro and (count := saturated(samples.values * sensor.units[likely])):
         cautions.append(
             f"the gyro was saturated: {count} of {len(values)} samples are equal extremes, {np.abs(values).max():.3g} "
             "rad/s; the motion was faster, so the blur of those moments is unknown; set a wider range of the gyro"
         )
-    try:
-        with warnings.catch_warnings():
-            if len(cautions) > len(samples.cautions):
-                # Degrees are excluded, or extremes explain the large rates.
-                warnings.simplefilter("ignore", RsdeblurWarning)
+    # Degrees are excluded, or extremes explain the large rates.
+    with warnings.catch_warnings(action="ignore" if len(cautions) > len(samples.cautions) else None):
+        try:
             log = sensor.make(t, values, epoch)
-    except InputError as reason:
-        raise samples.error_at(str(reason), 0) if len(t) < 2 else error(str(reason)) from reason
-    about = [*_rate_cautions(samples, log.rate, error), *cautions] if is_gyro else []
-    for caution in (*about, *(each if is_gyro else f"accelerometer: {each}" for each in repairs)):
-        warnings.warn(str(error(caution)), RsdeblurWarning, stacklevel=3)
-    return log, unit
+        except InputError as reason:
+            raise samples.error_at(str(reason), 0) if len(t) < 2 else error(str(reason)) from reason
+    remarks = _rate_cautions(samples, log.rate, error) + cautions if is_gyro else []
+    for remark in remarks + repairs:
+        warnings.warn(str(error(remark if is_gyro else f"accelerometer: {remark}")), RsdeblurWarning, stacklevel=3)
+    return log, likely
 
 
-def _rate_cautions(samples: Samples, rate: float, error: Callable[[str], FileFormatError]) -> list[str]:
+def _rate_cautions(samples: Samples, rate: float, error: Error) -> list[str]:
     """Return a caution about a slow gyro; raise `FileFormatError` for one that is faster than any, in Hz."""
     if rate <= FASTEST:
         slow = f"the gyro was sampled at {rate:.3g} Hz; shake needs {SHAKE_RATE:g} Hz, so much of the motion is missing"
@@ -188,9 +186,7 @@ def _rate_cautions(samples: Samples, rate: float, error: Callable[[str], FileFor
     )
 
 
-def _unit_of_rates(
-    samples: Samples, ns: NDArray[np.int64], cautions: list[str], error: Callable[[str], FileFormatError]
-) -> str:
+def _unit_of_rates(samples: Samples, ns: NDArray[np.int64], cautions: list[str], error: Error) -> str:
     """Return the unit of rates for which the file names none, and add a caution if it is not rad/s."""
     if samples.forces is not None and shows_degrees(ns, samples.values, samples.forces):
         cautions.append(
@@ -208,7 +204,7 @@ def _unit_of_rates(
     return "rad/s"
 
 
-def _check_gravity(size: float, units: Mapping[str, float], unit: str, error: Callable[[str], FileFormatError]) -> None:
+def _check_gravity(size: float, units: Mapping[str, float], unit: str, error: Error) -> None:
     """Raise `FileFormatError` if the median of an accelerometer, in m/s^2 by `unit`, is not gravity."""
     if 0.5 < size / GRAVITY < 1.5:
         return
@@ -221,7 +217,7 @@ def _check_gravity(size: float, units: Mapping[str, float], unit: str, error: Ca
     )
 
 
-def _check_values(samples: Samples, what: str, unit: str, error: Callable[[str], FileFormatError]) -> None:
+def _check_values(samples: Samples, what: str, unit: str, error: Error) -> None:
     """Raise `FileFormatError` if there are no samples, or one is not finite or so large that computing may overflow."""
     values = samples.values
     if not len(values):
@@ -242,7 +238,7 @@ def ordered(ns: NDArray[np.int64], samples: Samples) -> tuple[FloatArray, FloatA
     return t, values, int(ns[0]), repairs
 
 
-def _timestamps(samples: Samples, rate: float | None, error: Callable[[str], FileFormatError]) -> NDArray[np.int64]:
+def _timestamps(samples: Samples, rate: float | None, error: Error) -> NDArray[np.int64]:
     """Return the timestamps of the file, or those that follow from the sampling rate in Hz."""
     if samples.ns is not None:
         if rate is not None:
