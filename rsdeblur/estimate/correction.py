@@ -135,9 +135,19 @@ class Uncertainty:
             raise InputError("uncertainty is 0 in all its parts, so that there is nothing to refine")
 
     def deviations(self, camera: Camera, exposure: Exposure) -> FloatArray:
-        """Return the standard deviations of the parameters of a :class:`Correction`, in its order and units.
+        """Return the standard deviations of the parameters of a :class:`Correction`.
 
-        Without a readout, the readout time is known. An exposure that is too short to show accelerations has none.
+        Parameters
+        ----------
+        camera : Camera
+            Camera of the picture as stored. Without a readout, its readout time is known.
+        exposure : Exposure
+            The exposure. If it is too short to show accelerations, there are none.
+
+        Returns
+        -------
+        ndarray, shape (8,)
+            In the order and the units of :class:`Correction`.
         """
         longer = max(camera.width, camera.height)
         drift, acceleration = self.drift * longer, self.acceleration * longer
