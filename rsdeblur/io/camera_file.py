@@ -65,22 +65,14 @@ class CameraFile:
         None keeps a key.
         """
         overrides = {key: value for key, value in overrides.items() if value is not None}
-        if "readout_time" in overrides:
-            overrides["readout_sd"] = 0.0
+        overrides |= {"readout_sd": 0.0} if "readout_time" in overrides else {}
         assumptions = tuple(assumption for assumption in self.assumptions if assumption.about not in overrides)
         return replace(self, camera=replace(self.camera, **overrides), assumptions=assumptions)
 
     @property
     def remarks(self) -> list[str]:
-        """Texts of the assumptions, and sentences about values that are probably mistakes."""
-        assumed = [assumption.text for assumption in self.assumptions]
-        if self.camera.readout_sd > 0:
-            ms, sd = 1e3 * self.camera.readout_time, 1e3 * self.camera.readout_sd
-            assumed.append(
-                f"the readout time is unknown: {ms:.3g} ± {sd:.2g} ms is assumed, which a refinement corrects by the "
-                "picture; give it if you know it, and 0 for a global shutter"
-            )
-        return assumed + doubts(self.camera)
+        """Texts of the assumptions, and sentences about guesses and probable mistakes."""
+        return [assumption.text for assumption in self.assumptions] + doubts(self.camera)
 
     def warn(self, path: object, *, stacklevel: int = 2) -> Camera:
         """Return the camera, and warn of each remark."""

@@ -83,13 +83,19 @@ def rotation(value: ArrayLike | str) -> FloatArray:
 
 
 def doubts(camera: Camera) -> list[str]:
-    """Return a sentence for each value that is probably a mistake, with the probable intent."""
+    """Return a sentence for each value that is a guess, or probably a mistake, with the probable intent."""
     found = [] if (wide := too_wide(camera)) is None else [wide]
     fx, fy = camera.focal_length
     if (view := _field_of_view(camera)) < NARROWEST:
         found.append(
             f"a focal length of {max(fx, fy):g} px means a field of view of {view:.2g} degrees; was it measured in a "
             "larger picture?"
+        )
+    if camera.readout_sd > 0:
+        ms, sd = 1e3 * camera.readout_time, 1e3 * camera.readout_sd
+        found.append(
+            f"the readout time is unknown: {ms:.3g} ± {sd:.2g} ms is assumed, which a refinement corrects by the "
+            "picture; give it if you know it, and 0 for a global shutter"
         )
     if camera.readout_time > LONGEST_READOUT:
         seconds = camera.readout_time
