@@ -25,7 +25,7 @@ EXPOSURE = Quantity(
     ("exposure",),
     (re.compile("exposure(time|duration)?"),),
     TIME_SPELLINGS,
-    "expos|shutter",
+    "exp|shutter",
     optional=1,
     times=(re.compile("(frame)?timestamp"),),
 )
