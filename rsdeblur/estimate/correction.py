@@ -137,7 +137,12 @@ class Uncertainty:
     def deviations(self, camera: Camera, exposure: Exposure) -> FloatArray:
         """Return the standard deviations of the parameters of a :class:`Correction`, in its order and units.
 
-        Without a readout, the readout time is known. An exposure that is too short to show accelerations has none.
+        Parameters
+        ----------
+        camera : Camera
+            Camera of the picture as stored. Without a readout, its readout time is known.
+        exposure : Exposure
+            The exposure. If it is too short to show accelerations, there are none.
         """
         longer = max(camera.width, camera.height)
         drift, acceleration = self.drift * longer, self.acceleration * longer

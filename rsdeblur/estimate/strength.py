@@ -237,7 +237,10 @@ class Tuning:
     def noise_power(self, energy: float) -> float:
         """Return the power of noise and of errors of the model, as white noise that matters as much for a scene.
 
-        `energy` is E of the sharp picture.
+        Parameters
+        ----------
+        energy : float
+            E of the sharp picture.
         """
         return self._noise_alone + energy * self.path_error
 
@@ -252,7 +255,15 @@ class Tuning:
         return self._best(lambda weight: self.border_error + weight * self.spectra.gradient)
 
     def weight(self, prior: Prior, exponent: float) -> float:
-        """Return the weight of a prior on derivatives; only the hyper-Laplacian has an exponent, in (0, 1]."""
+        """Return the weight of a prior on derivatives.
+
+        Parameters
+        ----------
+        prior : {"gradient", "tv", "hyper-laplacian"}
+            The prior.
+        exponent : float
+            Exponent of the hyper-Laplacian, in (0, 1]; the other priors ignore it.
+        """
         kind = KINDS[validate.choice("prior", prior, DERIVATIVE_PRIORS)]
         weight = self.gradient_weight
         if kind.sparsity is None:
@@ -266,7 +277,10 @@ class Tuning:
     def wavelet(self, weight: float | None = None) -> WaveletPrior:
         """Return the learned prior for the picture, for a solver whose `nsr` is at least 0.003, as it was learned with.
 
-        A larger weight than :attr:`gradient_weight`, the default, means more noise.
+        Parameters
+        ----------
+        weight : float, optional
+            Weight of the prior, from 1e-20 to 1e20; default :attr:`gradient_weight`. A larger one means more noise.
         """
         spectra, suited = self.spectra, self.gradient_weight
         weight = suited if weight is None else validate.strength("weight", weight)
