@@ -49,7 +49,7 @@ def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False) ->
     return Inputs(rs.read_picture(photo, in_place=in_place), log, camera, exposure)
 
 
-def completed(recording: Recording, photo: Path) -> Recording:
+def with_exif(recording: Recording, photo: Path) -> Recording:
     """Return the recording with what a photo's EXIF block gives where no option does: the camera, and the moment."""
     start = recording.start
     if all(each is None for each in (recording.capture, start, recording.start_ns)):

@@ -9,7 +9,7 @@ import click
 
 from rsdeblur.choices import SHARP
 from rsdeblur.cli import _options, batch
-from rsdeblur.cli._inputs import completed
+from rsdeblur.cli._inputs import with_exif
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._options import RECORDING, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import progress, refuse_inputs
@@ -73,7 +73,7 @@ def command(
     (photo,) = photos
     check_sources(click.get_current_context(), recording, psf)
     if psf is None:
-        recording, options = completed(recording, photo), _options.with_refinement(options, refine)
+        recording, options = with_exif(recording, photo), _options.with_refinement(options, refine)
     output, name = target.output, result_name(photo).name
     # A folder need not exist: no picture is named without an extension.
     into_folder = output.is_dir() or not output.suffix
