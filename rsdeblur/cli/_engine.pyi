@@ -37,9 +37,7 @@ from rsdeblur.io import open_gyro as open_gyro
 from rsdeblur.io import read_acceleration as read_acceleration
 from rsdeblur.io import read_camera as read_camera
 from rsdeblur.io import read_captures as read_captures
-from rsdeblur.io import read_depths as read_depths
 from rsdeblur.io import read_gyro as read_gyro
-from rsdeblur.io import read_trajectory as read_trajectory
 from rsdeblur.io.arrays import read_psfs as read_psfs
 from rsdeblur.io.camera_file import Assumption as Assumption
 from rsdeblur.io.camera_file import CameraFile as CameraFile

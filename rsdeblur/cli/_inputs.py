@@ -177,24 +177,6 @@ def _capture_columns(recording: Recording) -> str | None:
     return rs.choice_for("capture file", recording.columns)
 
 
-def translation_of(recording: Recording, camera: rs.Camera, exposure: rs.Exposure) -> rs.Translation | None:
-    """Return the translation that the options name, if they name one."""
-    translation = None
-    if (recording.translation is None) != (recording.depth is None):
-        raise _usage("--translation and --depth are needed together")
-    if recording.translation is None and recording.translation_axes != "camera":
-        raise _usage("--translation-axes belongs to --translation")
-    if recording.translation is not None and recording.depth is not None:
-        trajectory = rs.read_trajectory(recording.translation, columns=rs.choice_for("trajectory", recording.columns))
-        depth = rs.read_depths(recording.depth) if isinstance(recording.depth, Path) else recording.depth
-        with naming(recording.translation):
-            translation = trajectory.translation(exposure, camera, depth, axes=recording.translation_axes)
-    if recording.drift is not None:
-        with naming("--drift"):
-            translation = rs.Translation.drift(recording.drift, camera, exposure, known=translation)
-    return translation
-
-
 def _exposure(recording: Recording, photo: Path | None) -> rs.Exposure:
     if recording.start is not None and recording.start_ns is not None:
         raise _usage("--start and --start-ns exclude each other")

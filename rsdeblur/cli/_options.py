@@ -119,9 +119,9 @@ class Command(click.Command):
                     formatter.write_dl(records)
 
 
-def _given(kind: click.ParamType[Any] | None, text: str, default: Any = None, **facts: Any) -> Any:
+def _given(kind: click.ParamType[Any] | None, text: str, **facts: Any) -> Any:
     """Return a field of `Recording` with the type and the help of its option."""
-    return field(default=default, metadata={"section": RECORDING, "help": text, "type": kind, **facts})
+    return field(default=None, metadata={"section": RECORDING, "help": text, "type": kind, **facts})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,7 +142,7 @@ class Recording:
     columns: str | None = _given(
         None,
         "Columns of a table by names or numbers, with units: `t=time:us,gx=3,gy=4,gz=5` of the log; after a semicolon "
-        "`t,exposure` of --capture, `t,x,y,z` of --translation.",
+        "`t,exposure` of --capture.",
         metavar="T=COLUMN,...",
     )
     rate: float | None = _given(_types.POSITIVE, "Sampling rate of a log without timestamps.", metavar="HZ")
@@ -183,22 +183,6 @@ class Recording:
         "Focal length along x in px; replaces the camera file's. That along y keeps its ratio to it.",
         metavar="PX",
     )
-    translation: Path | None = _given(
-        _types.PATH,
-        "Track of the camera from another program, on the camera's clock: `t tx ty tz qx qy qz qw`.",
-        metavar="FILE",
-    )
-    translation_axes: str = _given(
-        None,
-        "Axes of the body that --translation tracks: camera, imu, phone-portrait (ARKit, ARCore), YxZ.",
-        "camera",
-        metavar="AXES",
-    )
-    depth: float | Path | None = _given(
-        _types.DEPTH,
-        "Distance of the scene, for --translation, or a file that maps it over the photo as stored: 16 bits in mm, "
-        "floats in m.",
-    )
     drift: tuple[float, float] | None = _given(
         _types.PAIR, "Shift of the scene, in px during the exposure, that the gyro does not measure."
     )
@@ -206,10 +190,9 @@ class Recording:
 
 FILES = ("gyro", "camera", "capture")
 READING = ("gyro_format", "unit", "orientation", "columns", "rate")
-TRACK = ("translation", "translation_axes", "depth", "drift")
 ONE_PHOTO = tuple(each.name for each in fields(Recording) if each.name != "numbered_from")
 # Options of commands for several photos or frames, which have moments of their own.
-MANY = tuple(name for name in ONE_PHOTO if name not in TRACK)
+MANY = tuple(name for name in ONE_PHOTO if name != "drift")
 SERIES = (*MANY, "numbered_from")
 CLIP = tuple(name for name in MANY if name != "index")
 SOLVE = tuple(each.name for each in fields(Options) if each.metadata.get("help"))

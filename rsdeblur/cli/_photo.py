@@ -23,7 +23,6 @@ from rsdeblur.cli._inputs import (
     read_inputs,
     read_recording,
     transfer_of,
-    translation_of,
     with_axes_of,
     with_offset,
 )
@@ -102,8 +101,11 @@ def prepare(
     if options.refine and gravity.contradicts and not refine_anyway:
         LOG.info("%s: recording not corrected, because of the direction of gravity; --refine does it anyway", photo)
         options = replace(options, refine=False)
-    translation = translation_of(recording, inputs.camera, inputs.exposure)
-    return Prepared(inputs, replace(options, translation=translation), gravity, photo, recording)
+    if recording.drift is not None:
+        with naming("--drift"):
+            drift = rs.Translation.drift(recording.drift, inputs.camera, inputs.exposure)
+        options = replace(options, translation=drift)
+    return Prepared(inputs, options, gravity, photo, recording)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

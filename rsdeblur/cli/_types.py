@@ -117,15 +117,6 @@ def box(text: str, pattern: str, example: str) -> tuple[int, ...]:
     return tuple(map(int, match.groups()))
 
 
-def depth(text: str) -> float | Path:
-    """Return a distance in m, or the file of a map of depths."""
-    try:
-        float(text)
-    except ValueError:
-        return Path(text)
-    return float(POSITIVE.convert(text, None, None))
-
-
 def _or(words: tuple[str, ...], kind: click.ParamType[Any]) -> Callable[[str], Any]:
     return lambda text: text if text in words else kind.convert(text, None, None)
 
@@ -146,7 +137,6 @@ READOUT = TextType("SECONDS", _in(NOT_NEGATIVE, seconds))
 START = TextType("SECONDS|exif", _or(("exif",), SECONDS))
 RATES = TextType("WX,WY,WZ", rates)
 PAIR = TextType("X,Y", partial(numbers, example="3,-2", count=2))
-DEPTH = TextType("METRES|FILE", depth)
 SIZE = TextType("WIDTHxHEIGHT", partial(box, pattern=r"(\d+)x(\d+)", example="1024x768"))
 # Types of the numbers of `Options`, by the kinds that its fields name.
 KINDS: dict[str, click.ParamType[Any]] = {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -108,8 +107,8 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     if reading["format"]:
         return describe_gyro(path, reading)
     if columns := reading["columns"]:
-        kinds = {"gyro log": describe_gyro, "capture file": describe_captures, "trajectory": describe_trajectory}
-        return kinds[next(iter(rs.choices_of(columns)))](path, reading)
+        kind = next(iter(rs.choices_of(columns)))
+        return (describe_captures if kind == "capture file" else describe_gyro)(path, reading)
     if rs.is_clocks(source):
         return describe_clocks(path)
     for detect, describe_kind in ((rs.detect_camera_format, describe_camera), (rs.detect_gyro_format, describe_gyro)):
@@ -123,11 +122,6 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
         is_profile = format == "gyroflow" and rs.is_profile(rs.Source(path, "lens profile").json)
         if format != "gyroflow" or describe_kind is describe_gyro or is_profile:
             return describe_kind(path, reading)
-    # GyroDeblurNet's captures have eight columns too, but no quaternions.
-    with suppress(FileFormatError):
-        trajectory = describe_trajectory(path, reading)
-        if trajectory["orientations"]:
-            return trajectory
     if any(each.fits(source) for each in rs.FORMATS):
         return describe_captures(path, reading)
     try:
@@ -165,21 +159,6 @@ def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
         "peak_rad_s": np.abs(log.omega).max(axis=0).tolist(),
         **gravity,
         "remarks": remarks,
-    }
-
-
-def describe_trajectory(path: Path, reading: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Return the properties of a trajectory."""
-    import numpy as np
-
-    track = rs.read_trajectory(path, columns=(reading or {}).get("columns"))
-    return {
-        "kind": "trajectory",
-        "poses": len(track.t),
-        "epoch_ns": track.epoch_ns,
-        "span_s": [float(track.t[0]), float(track.t[-1])],
-        "orientations": track.quaternion is not None,
-        "extent_m": np.ptp(track.position, axis=0).tolist(),
     }
 
 

@@ -62,5 +62,5 @@ KINDS += [
     ),
     Kind("capture file", "give it as --capture", captures.FORMATS),
     Kind("camera file", "give it as --camera", cameras.FORMATS),
-    Kind("trajectory", "give it as --translation", trajectories.FORMATS),
+    Kind("trajectory", "rsdeblur.read_trajectory reads it", trajectories.FORMATS),
 ]

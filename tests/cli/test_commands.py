@@ -55,40 +55,28 @@ def test_overrides_reach_the_computation(run: Run, files: Files) -> None:
     assert still["path_px"]["longest"] != pytest.approx(plain["path_px"]["longest"], rel=1e-3)
 
 
-def test_a_track_and_a_drift_move_the_kernels(run: Run, files: Files, tmp_path: Path) -> None:
-    track, depths = tmp_path / "poses.txt", tmp_path / "depths.npy"
-    # Only 1 m/s to the right, for 40 ms, before a wall at 0.5 m: 8.8 px at a focal length of 110 px.
+def test_a_drift_moves_the_kernels(run: Run, files: Files) -> None:
     files.write_gyro(files.samples() * (1, 0, 0, 0))
-    track.write_text("".join(f"{t:.3f} {t:.3f} 0 0 0 0 0 1\n" for t in np.arange(0, 0.5, 0.01)))
-    np.save(depths, np.full((2, 3), 500, dtype=np.uint16))
     common = ["psf", *files.recording, "--bands", 4, "--strips", 1, "--json"]
     # A kernel has a pixel on both sides.
-    for more, size in (
-        ([], [3, 3]),
-        (["--translation", track, "--depth", 0.5], [11, 3]),
-        (["--translation", track, "--depth", depths], [11, 3]),
-        (["--drift", "9,-5"], [11, 7]),
-    ):
+    for more, size in (([], [3, 3]), (["--drift", "9,-5"], [11, 7])):
         assert json.loads(run(*common, *more).stdout)["psf_px"] == size
     for more, message in (
-        (["--translation", track, "--depth", "near"], "near: cannot read the depth map"),
-        (["--translation", track, "--depth", 0.5, "--translation-axes", "sideways"], "no IMU orientation 'sideways'"),
-        (["--depth", 0.5], "--translation and --depth are needed together"),
         (["--drift", "8"], "3,-2"),
         (["--drift", "1e9,0"], "--drift: px must not be beyond 1e+06"),
     ):
         assert message in run(*common, *more).stderr
 
 
-def test_info_shows_the_accelerometer_and_trajectories(run: Run, tmp_path: Path) -> None:
+def test_info_shows_the_accelerometer_and_names_a_trajectory(run: Run, tmp_path: Path) -> None:
     log, track = tmp_path / "gyro_accel.csv", tmp_path / "poses.txt"
     timestamps = [0.5 + 0.01 * i for i in range(9)]
     log.write_text("t[s],gx,gy,gz,ax[g],ay[g],az[g]\n" + "".join(f"{t},0,0,0,0,1,0\n" for t in timestamps))
     track.write_text("".join(f"{t} {t} 0 0 0 0 0 1\n" for t in timestamps))
     gyro, poses = json.loads(run("info", log, track, "--json").stdout)["files"]
-    assert (gyro["kind"], poses["kind"], poses["poses"]) == ("gyro log", "trajectory", 9)
+    assert (gyro["kind"], poses["kind"]) == ("gyro log", "not understood")
+    assert "looks like a trajectory" in poses["reason"]
     assert gyro["gravity_m_s2"] == pytest.approx(9.80665)
-    assert poses["extent_m"] == pytest.approx([0.08, 0, 0])
 
 
 def test_compare_writes_pictures_facts_and_a_report(run: Run, files: Files, tmp_path: Path) -> None:

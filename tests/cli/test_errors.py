@@ -66,7 +66,6 @@ def test_bad_files(run, files, tmp_path: Path, bad: tuple[str, str]) -> None:
         ("--focal-length nan", "is not a finite number"),
         ("--start-ns 3", "--start and --start-ns exclude each other"),
         ("--index 1", "--index needs --capture"),
-        ("--translation-axes imu", "--translation-axes belongs to --translation"),
         ("--mode global --bands 4", "--bands has no effect with --mode global; use --mode banded"),
         ("--prior wiener --weight 0.1", "--weight: the prior wiener has no weight"),
         ("--refine --max-memory 1GB", "--max-memory: refine needs the whole picture"),

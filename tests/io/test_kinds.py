@@ -26,7 +26,7 @@ ADVICE = {
     "gyro log": "give it as --gyro",
     "capture file": "give it as --capture",
     "camera file": "give it as --camera",
-    "trajectory": "give it as --translation",
+    "trajectory": "rsdeblur.read_trajectory reads it",
     "picture": "give it as the photo",
     "video": "give it to rsdeblur video",
 }
