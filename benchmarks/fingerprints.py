@@ -334,7 +334,7 @@ def parts() -> Iterator[tuple[str, Work]]:
 
 WIDTH, HEIGHT, FRAMES = 112, 80, 5
 # What the command line tells that differs from run to run.
-FLEETING = {"seconds", "timings", "peak_memory_mib"}
+FLEETING = {"seconds", "timings"}
 
 
 def write_inputs(folder: Path) -> None:

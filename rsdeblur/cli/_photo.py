@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import re
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -310,21 +309,6 @@ def similarity(image: rs.NDArray[Any], truth: rs.NDArray[Any]) -> dict[str, floa
     )
     psnr = None if (a == b).all() else float(rs.peak_signal_noise_ratio(b, a, data_range=1.0))
     return {"psnr_db": psnr, "ssim": float(ssim)}
-
-
-def forget_peak_memory() -> None:
-    """Start a new measurement of the peak; without effect where the system has no such measurement."""
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
-
-
-def peak_memory_mib() -> float | None:
-    """Return the process's peak resident memory in MiB since `forget_peak_memory`, None where it is unknown."""
-    try:
-        match = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
-    except OSError:
-        return None
-    return int(match[1]) / 1024 if match else None
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from rsdeblur.cli._inputs import display_values, naming, photo_gravity, read_cli
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._options import CLIP, ONE_OF_MANY, SOLVE, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import capture_warnings, progress
-from rsdeblur.cli._photo import facts_of, peak_memory_mib, refinement_facts, remarks, stopwatch, summary
+from rsdeblur.cli._photo import facts_of, refinement_facts, remarks, stopwatch, summary
 from rsdeblur.cli._types import PATH, TextType, numbers
 from rsdeblur.cli.compare import complete
 from rsdeblur.errors import InputError
@@ -149,7 +149,7 @@ def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: rs.Burst
     picture = shots.pictures[index]
     transfer = transfer_of(picture, options.transfer)
     return rs.Page(
-        {"photo": str(photo), "modes": {label: facts | {"peak_memory_mib": peak_memory_mib()}}},
+        {"photo": str(photo), "modes": {label: facts}},
         *(picture, shots.log, shots.camera, shots.exposures[index]),
         {
             f"frame {facts['reference']}": display_values(picture.pixels, transfer),

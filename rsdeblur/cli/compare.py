@@ -29,9 +29,7 @@ from rsdeblur.cli._photo import (
     Prepared,
     correction_text,
     facts_of,
-    forget_peak_memory,
     moment_facts,
-    peak_memory_mib,
     prepare,
     refinement_facts,
     remarks,
@@ -81,7 +79,7 @@ def command(
     """Deblur PHOTO in every mode and show the results side by side.
 
     Writes to DIR the picture of each mode, side-by-side.png with enlarged details, psfs.png with the kernels at their
-    places in the picture, and compare.json with times, memory and, with --truth, PSNR and SSIM.
+    places in the picture, and compare.json with times and, with --truth, PSNR and SSIM.
 
     --report writes one page that needs no network. It shows any two pictures under a divider, the kernels over them,
     the gyroscope's rates with the exposure window of each row, all settings, and warnings.
@@ -157,15 +155,12 @@ def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options]
     names = output_names(Path(compared.report["photo"]), list(each_mode))
     for (mode, chosen), name in zip(each_mode.items(), names, strict=False):
         chosen = replace(chosen, translation=planned.options.translation, refine=False)
-        forget_peak_memory()
         with stopwatch() as watch, progress(mode) as move, ready.naming:
-            # A plan of its own, so that the memory of a mode does not contain the solver of another one.
+            # A plan of its own, so that a mode does not keep the memory of another one's solver.
             result = rs.Plan(planned.frame, planned.capture, chosen).apply(picture.pixels, progress=move)
-        memory = peak_memory_mib()
         rs.write_picture(target.output / name, result.image, like=picture, force=target.force)
         compared.shown[mode], banks[mode] = display_values(result.image, compared.transfer), result.psfs
-        facts = facts_of(result, target.output / name, chosen.prior_name, watch[0])
-        compared.report["modes"][mode] = facts | {"peak_memory_mib": memory}
+        compared.report["modes"][mode] = facts_of(result, target.output / name, chosen.prior_name, watch[0])
         unseen = 1.0 - float(result.coverage.mean())
     return compared._replace(banks=banks, unseen=unseen, recorded=recorded)
 

@@ -228,22 +228,22 @@ def _modes(page: Page) -> str:
     results = page.report["modes"].values()
     stages = [stage for stage in STAGES if any(stage in result["timings"] for result in results)]
     header, *rows = mode_table(page.report, stages)
-    return _table("Modes, strengths, times and memory", header, rows)
+    return _table("Modes, strengths and times", header, rows)
 
 
 def mode_table(report: Mapping[str, Any], stages: Sequence[str] = ()) -> list[list[str]]:
     """Return the header and the rows of the table of modes, with the times of some `stages`."""
     blurred, modes = report.get("blurred"), report["modes"]
     header = ["mode", "prior", "PSFs", "PSF px", "NSR", "weight", "time s", *(f"{stage} s" for stage in stages)]
-    header += ["peak MiB", "check", *(["PSNR dB", "SSIM"] if blurred is not None else [])]
+    header += ["check", *(["PSNR dB", "SSIM"] if blurred is not None else [])]
     rows = [] if blurred is None else [["(blurred)", *[""] * (len(header) - 3), *_similarity(blurred)]]
     for mode, facts in modes.items():
         wide, tall = facts["psf_px"]
-        memory, weight = facts["peak_memory_mib"], facts["weight"]
+        weight = facts["weight"]
         row = [mode, facts["prior"], f"{facts['bands']} x {facts['strips']}", f"{wide} x {tall}", f"{facts['nsr']:.3g}"]
         row += ["-" if weight is None else f"{weight:.3g}", f"{facts['seconds']:.2f}"]
         row += [f"{facts['timings'].get(stage, 0.0):.2f}" for stage in stages]
-        row += ["-" if memory is None else f"{memory:.0f}", _verdict(facts)]
+        row.append(_verdict(facts))
         rows.append(row + (_similarity(facts) if blurred is not None else []))
     return [header, *rows]
 

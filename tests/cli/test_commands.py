@@ -94,7 +94,6 @@ def test_compare_writes_pictures_facts_and_a_report(run: Run, files: Files, tmp_
     for mode in ("global", "banded", "rowwise"):
         found = report["modes"][mode]
         assert found["psnr_db"] > 5.0
-        assert found["peak_memory_mib"] is None or found["peak_memory_mib"] > 10.0
         assert [mode, "hyper-laplacian"] in [line.split()[:2] for line in result.stdout.splitlines()]
     assert (report["modes"]["global"]["bands"], report["modes"]["global"]["strips"]) == (1, 1)
     assert f"Open {page}" in result.stdout

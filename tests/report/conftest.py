@@ -24,7 +24,7 @@ def report_page(shaky_log):
         bar = np.zeros((5, 9))
         bar[2] = 1 / 9
         mode = {"prior": "tv", "bands": 3, "strips": 2, "psf_px": [9, 5], "nsr": 0.01, "weight": None, "seconds": 1.25}
-        mode |= {"timings": {"plan": 0.25, "apply": 1.0}, "peak_memory_mib": None, "check": None}
+        mode |= {"timings": {"plan": 0.25, "apply": 1.0}, "check": None}
         check = {"verdict": "doubtful", "reasons": ["Ringing."], "ringings": [0.01] * 6}
         return Page(
             report={"photo": photo, "modes": {"global": mode, "banded": mode | {"check": check}}},
