@@ -5,7 +5,6 @@ No other module of the command line prints, so that nothing reaches the terminal
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import logging
@@ -242,24 +241,6 @@ def write_json(path: Path, kind: str, facts: Mapping[str, Any]) -> None:
     """Write facts as JSON of a kind, atomically."""
     with atomic_write(path) as file:
         file.write(f"{_json(kind, facts)}\n".encode())
-
-
-def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write a CSV file, atomically, whose cells no spreadsheet takes for a formula and no terminal for a command."""
-    text = io.StringIO()
-    table = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
-    table.writeheader()
-    for row in rows:
-        table.writerow({name: _plain_cell(value) for name, value in row.items()})
-    with atomic_write(path) as file:
-        file.write(text.getvalue().encode())
-
-
-def _plain_cell(value: Any) -> Any:
-    if not isinstance(value, str):
-        return value
-    text = printable(value)
-    return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

@@ -37,7 +37,6 @@ from rsdeblur.cli._output import (
     usage_as_input_error,
     warn,
     write_json,
-    write_table,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.cli._schema import arranged
@@ -45,12 +44,7 @@ from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError, OutputError, RsdeblurError
 from rsdeblur.pipeline.options import Options
 
-TABLE = "batch.csv"
 SOME_FAILED = 3  # exit code
-COLUMNS_OF_TABLE = (
-    *("photo", "output", "state", "mode", "bands", "strips", "psf_px", "prior", "nsr", "weight", "seconds"),
-    *("verdict", "reasons", "error"),
-)
 
 HELP = f"""Deblur many photos.
 
@@ -62,8 +56,7 @@ the options given here. FOLDER is a session of MARS logger or OpenCamera Sensors
 share the log and the camera; their exposures come from EXIF, with --start exif, or from --capture, by the timestamps or
 frame numbers in their names.
 
-A second run skips the photos that are done, which batch.json lists. The command writes batch.csv and batch.json beside
-the photos. Exit code 3: some photos failed.
+A second run skips the photos that are done, which batch.json beside the results lists. Exit code 3: some photos failed.
 """
 EXAMPLES = """\b
 Examples:
@@ -113,7 +106,7 @@ def run(
         raise InputError(f"{sources[0]}: there is nothing to do, because no photo is listed")
     jobs, threads = shared_threads(jobs, options.threads)
     earlier = _earlier(target.output / BATCH)
-    prepare_folder(target.output, [TABLE, BATCH], force=target.force or earlier is not None, dry_run=target.dry_run)
+    prepare_folder(target.output, [BATCH], force=target.force or earlier is not None, dry_run=target.dry_run)
     batch = _Batch(target, items, earlier or {})
     begin = time.perf_counter()
     batch.run(replace(options, threads=threads), bool(refine), jobs)
@@ -184,7 +177,7 @@ class _Batch:
     def summary(self) -> dict[str, Any]:
         """Return the finished entries, and how many there are of each state and verdict."""
         finished = [entry for entry in self.entries if "state" in entry]
-        verdicts = Counter(row["verdict"] for row in map(_row, finished) if "verdict" in row)
+        verdicts = Counter(filter(None, map(_verdict, finished)))
         return {"items": finished, "counts": Counter(entry["state"] for entry in finished), "verdicts": verdicts}
 
     def _write(self) -> None:
@@ -194,7 +187,6 @@ class _Batch:
         summary = arranged("batch", self.summary() | {"items": self.entries})
         summary["digest"] = _digest(summary["items"])
         write_json(self._target.output / BATCH, "batch", summary)
-        write_table(self._target.output / TABLE, COLUMNS_OF_TABLE, map(_row, self.entries))
 
     def _tasks(self, options: Options, refine_anyway: bool) -> Iterator[tuple[int, PhotoJob]]:
         """Yield the jobs to do by the items' numbers; the other items get their states."""
@@ -278,22 +270,20 @@ def _recipe(job: PhotoJob) -> str:
     return _digest(repr((settings, [path and (path.name, *(file_state(path) or ())[2:]) for path in files])))
 
 
-def _row(entry: dict[str, Any]) -> dict[str, Any]:
-    """Return what the table has of an entry; that of a photo that failed has nothing of an earlier result."""
-    if "error" in entry:
-        return {name: entry[name] for name in ("photo", "output", "state", "error") if name in entry}
-    size = {"psf_px": "{}x{}".format(*entry["psf_px"])} if "psf_px" in entry else {}
-    check = entry.get("check")
-    verdict = {} if check is None else {"verdict": check["verdict"], "reasons": " ".join(check["reasons"])}
-    return entry | size | verdict
+def _verdict(entry: dict[str, Any]) -> str:
+    """Return the verdict on a result, empty if there is none; a photo that failed may have an earlier one."""
+    return "" if "error" in entry else (entry.get("check") or {}).get("verdict", "")
 
 
 def _print(summary: dict[str, Any], target: Target) -> None:
     rows = []
-    for row in map(_row, summary["items"]):
-        tiles = f"{row['bands']} x {row['strips']}" if "bands" in row else ""
-        seconds = f"{row['seconds']:.2f}" if "seconds" in row else ""
-        rows.append([row["photo"], row["state"], tiles, row.get("psf_px", ""), seconds, row.get("verdict", "")])
+    for entry in summary["items"]:
+        # A photo that failed may have an earlier result.
+        known = {"photo": entry["photo"], "state": entry["state"]} if "error" in entry else entry
+        tiles = f"{known['bands']} x {known['strips']}" if "bands" in known else ""
+        size = "{}x{}".format(*known["psf_px"]) if "psf_px" in known else ""
+        seconds = f"{known['seconds']:.2f}" if "seconds" in known else ""
+        rows.append([known["photo"], known["state"], tiles, size, seconds, _verdict(known)])
     print_table(["photo", "state", "bands x strips", "PSF px", "time s", "check"], rows)
     counts = ", ".join(f"{count} {state}" for state, count in summary["counts"].items())
     verdicts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(summary["verdicts"].items()))

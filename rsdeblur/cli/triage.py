@@ -17,11 +17,11 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
 from rsdeblur.cli._items import read_items
 from rsdeblur.cli._options import FOR_PHOTOS, SERIES, Command, Recording, Target, option, refuse_given, require
-from rsdeblur.cli._output import FAILURES, prepare_folder, print_json, progress, reason, say, write_json, write_table
+from rsdeblur.cli._output import FAILURES, prepare_folder, print_json, progress, reason, say, write_json
 from rsdeblur.cli._types import NOT_NEGATIVE, PATH
 from rsdeblur.errors import InputError
 
-TABLE, REPORT, PLOT = "triage.csv", "triage.json", "triage.svg"
+REPORT, PLOT = "triage.json", "triage.svg"
 MANIFESTS = (".csv", ".txt")
 
 EXAMPLES = """\b
@@ -60,7 +60,7 @@ class _Shot(NamedTuple):
     metavar="PX",
     help="Longest path of a picture that is worth deblurring.",
 )
-@_options.target_options("DIR", f"Folder for {TABLE}, {REPORT} and {PLOT}; without it, print the counts only.")
+@_options.target_options("DIR", f"Folder for {REPORT} and {PLOT}; without it, print the counts only.")
 def command(source: Path, recording: Recording, keep: float, drop: float, target: Target) -> None:
     """Measure the blur of photos or frames by the gyro log alone.
 
@@ -71,7 +71,7 @@ def command(source: Path, recording: Recording, keep: float, drop: float, target
     """
     output: Path | None = target.output
     if output is not None:
-        prepare_folder(output, [TABLE, REPORT, PLOT], force=target.force)
+        prepare_folder(output, [REPORT, PLOT], force=target.force)
     if drop < keep:
         raise click.UsageError("--drop must be at least --keep")
     rs.check_thresholds(keep, drop)
@@ -90,7 +90,6 @@ def command(source: Path, recording: Recording, keep: float, drop: float, target
     entries = _entries(shots, judged)
     report = {"keep_px": keep, "drop_px": drop, "counts": judged.counts, "items": entries}
     if output is not None:
-        write_table(output / TABLE, list(dict.fromkeys(name for entry in entries for name in entry)), entries)
         write_json(output / REPORT, "triage", report)
         with atomic_write(output / PLOT) as file:
             file.write(rs.timeline_svg([entry["time_s"] for entry in entries], judged))
@@ -159,4 +158,4 @@ def _print(source: Path, judged: rs.Triage, output: Path | None) -> None:
     if reasons and known:
         say(f"  {len(reasons)} unknown, the first: {reasons[0]}")
     if output is not None:
-        say(f"  see {output / TABLE}, {output / REPORT} and {output / PLOT}")
+        say(f"  see {output / REPORT} and {output / PLOT}")

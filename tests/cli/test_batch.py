@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import re
@@ -78,13 +77,11 @@ def test_failures_are_listed_and_stop_nothing(run, files, manifest: Path, tmp_pa
     assert "missing.png: cannot read the picture" in missing
     assert "does not cover the exposure" in late
     assert re.search(r"^3 done, 2 failed \(.*\); ", result.stdout, re.MULTILINE)
-    with open(out / "batch.csv", newline="") as file:
-        table = list(csv.DictReader(file))
-    assert [row["state"] for row in table] == ["done", "done", "done", "failed", "failed"]
-    assert [row["verdict"] in VERDICTS for row in table] == [True] * 3 + [False] * 2
-    assert [row["state"] for row in table] == states(json.loads((out / "batch.json").read_text())["items"]).split()
+    items = json.loads((out / "batch.json").read_text())["items"]
+    assert states(items) == "done done done failed failed"
+    assert [item["check"]["verdict"] in VERDICTS for item in items[:3]] == [True] * 3
     written = {path.name for path in out.iterdir()}
-    assert written == {"photo.png", "second.tif", "other.png", "batch.csv", "batch.json"}
+    assert written == {"photo.png", "second.tif", "other.png", "batch.json"}
     # An item is what `deblur` makes of the photo.
     assert run("deblur", files.photo, *files.recording, *FAST[:-2], "-o", tmp_path / "one.png").exit_code == 0
     assert bits(out / "other.png") == bits(tmp_path / "one.png")
@@ -123,8 +120,7 @@ def test_a_list_that_no_batch_wrote_is_another_programs(run, files, listed, tmp_
     result = run("batch", *call, *FAST)
     assert result.exit_code == 1
     assert "the file exists; use force" in result.stderr
-    for name in ("batch.csv", "batch.json"):
-        (out / name).unlink()
+    (out / "batch.json").unlink()
     assert states(entries(run, *call, code=SOME_FAILED)) == "failed"
 
 
@@ -217,10 +213,10 @@ def test_a_batch_replaces_no_input(run, files, listed, tmp_path: Path) -> None:
     assert ["is an input too" in item["error"] for item in found] == [True, False, True]
     assert f"photo.png has the same result, {tmp_path / 'photo.png'}" in found[1]["error"]
     assert {name: (tmp_path / name).read_bytes() for name in before} == before
-    path.rename(tmp_path / "batch.csv")
-    result = run("batch", tmp_path / "batch.csv", *files.sources, *FAST, "--force", "-o", tmp_path)
+    path.rename(tmp_path / "batch.json")
+    result = run("batch", tmp_path / "batch.json", *files.sources, *FAST, "--force", "-o", tmp_path)
     assert (result.exit_code, "the result would replace an input" in result.stderr) == (1, True)
-    assert (tmp_path / "batch.csv").read_bytes() == before["m.csv"]
+    assert (tmp_path / "batch.json").read_bytes() == before["m.csv"]
 
 
 @pytest.mark.usefixtures("here")
@@ -240,7 +236,7 @@ def test_a_killed_worker_is_replaced(processes, files, listed, tmp_path: Path) -
         stdout, stderr = process.communicate()
     assert process.returncode == 0, stderr
     assert "1 done" in stdout
-    assert {item.name for item in (tmp_path / "out").iterdir()} == {"batch.csv", "batch.json", "photo.png"}
+    assert {item.name for item in (tmp_path / "out").iterdir()} == {"batch.json", "photo.png"}
 
 
 def test_interrupt_leaves_nothing_unfinished(run, here: None, processes, files, listed, tmp_path: Path) -> None:
@@ -250,7 +246,7 @@ def test_interrupt_leaves_nothing_unfinished(run, here: None, processes, files, 
         os.killpg(process.pid, signal.SIGINT)
         _, stderr = process.communicate()
     assert (process.returncode, stderr) == (130, "rsdeblur: interrupted; no unfinished file is left\n")
-    assert {item.name for item in out.iterdir() if item.suffix != ".png"} == {"batch.csv", "batch.json"}
+    assert {item.name for item in out.iterdir() if item.suffix != ".png"} == {"batch.json"}
     # The finished ones are kept, and the others done.
     finished = len(list(out.glob("*.png")))
     path.write_text("".join(path.read_text().splitlines(keepends=True)[: finished + 3]))
