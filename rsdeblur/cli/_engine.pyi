@@ -1,8 +1,6 @@
 """Everything that commands use of the package; see `_engine.py`."""
 
 from numpy.typing import NDArray as NDArray
-from skimage.metrics import peak_signal_noise_ratio as peak_signal_noise_ratio
-from skimage.metrics import structural_similarity as structural_similarity
 
 from rsdeblur._util.memory import keep as keep
 from rsdeblur._util.threads import thread_count as thread_count
@@ -23,8 +21,6 @@ from rsdeblur.calibration.clip import calibrate as calibrate
 from rsdeblur.calibration.flicker import measure_flicker as measure_flicker
 from rsdeblur.calibration.matches import LONGEST_STEP as LONGEST_STEP
 from rsdeblur.calibration.photos import calibrate_photos as calibrate_photos
-from rsdeblur.config import show_config as show_config
-from rsdeblur.estimate.refine import Refinement as Refinement
 from rsdeblur.estimate.time_offset import OffsetSearch as OffsetSearch
 from rsdeblur.estimate.time_offset import find_time_offset as find_time_offset
 from rsdeblur.image.encoded import as_float as as_float
@@ -113,8 +109,12 @@ from rsdeblur.report import write_batch_page as write_batch_page
 from rsdeblur.report import write_page as write_page
 from rsdeblur.report.drawings import bank_data as bank_data
 from rsdeblur.report.drawings import picture_uris as picture_uris
-from rsdeblur.report.figures import Finding as Finding
-from rsdeblur.report.figures import Level as Level
+from rsdeblur.report.facts import plain as plain
+from rsdeblur.report.facts import refinement_facts as refinement_facts
+from rsdeblur.report.facts import remarks as remarks
+from rsdeblur.report.facts import result_facts as result_facts
+from rsdeblur.report.facts import similarity as similarity
+from rsdeblur.report.facts import summary as summary
 from rsdeblur.report.figures import readout_data as readout_data
 from rsdeblur.report.page import mode_table as mode_table
 from rsdeblur.report.timeline import timeline_svg as timeline_svg

@@ -226,17 +226,6 @@ def _json(kind: str, facts: Mapping[str, Any]) -> str:
     return json.dumps({"schema": SCHEMA} | arranged(kind, facts), indent=2)
 
 
-def cell(value: Any, digits: int = 6) -> str:
-    """Return a value as text for readers, which is empty for None; of a path, its name."""
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {cell(item, digits)}" for key, item in value.items())
-    if isinstance(value, (list, tuple)):
-        return "  ".join(cell(item, digits) for item in value)
-    if isinstance(value, Path):
-        return value.name
-    return "" if value is None else f"{value:.{digits}g}" if isinstance(value, float) else str(value)
-
-
 def write_json(path: Path, kind: str, facts: Mapping[str, Any]) -> None:
     """Write facts as JSON of a kind, atomically."""
     with atomic_write(path) as file:

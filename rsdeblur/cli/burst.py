@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,9 +16,8 @@ from rsdeblur.cli._inputs import display_values, naming, photo_gravity, read_cli
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._options import CLIP, ONE_OF_MANY, SOLVE, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import capture_warnings, progress
-from rsdeblur.cli._photo import facts_of, refinement_facts, remarks, stopwatch, summary
+from rsdeblur.cli._photo import stopwatch
 from rsdeblur.cli._types import PATH, TextType, numbers
-from rsdeblur.cli.compare import complete
 from rsdeblur.errors import InputError
 from rsdeblur.pipeline.options import Options
 
@@ -97,7 +96,7 @@ def command(
         facts, result = _deblurred(shots, options, target, reference=reference)
     if target.report is not None:
         compared = _compared(clip or photos[result.reference], shots, facts, result, options)
-        rs.write_page(target.report, complete(compared, recording, options, texts))
+        rs.write_page(target.report, compared.completed(asdict(recording), options, texts))
     target.show("burst", facts, *_lines(facts))
 
 
@@ -194,9 +193,8 @@ def _facts(result: rs.BurstResult, frames: list[int], output: Path, options: Opt
         {"frame": number} | {m.name: getattr(use, m.name) for m in fields(use) if m.name != "weights"}
         for number, use in zip(frames, result.frames, strict=True)
     ]
-    facts = facts_of(result.result, output, options.prior_name, seconds)
-    if result.refinement is not None:
-        facts["refinement"] = refinement_facts(result.refinement)
+    facts = rs.result_facts(result.result, output, options.prior_name, seconds)
+    facts["refinement"] = rs.refinement_facts(result.refinement)
     return facts | {"reference": frames[result.reference], "frames": used}
 
 
@@ -204,8 +202,8 @@ def _lines(facts: dict[str, Any]) -> list[str]:
     used = sum(frame["share"] > 0 for frame in facts["frames"])
     frames = f"{used} of {len(facts['frames'])} frames, reference {facts['reference']}"
     return [
-        f"{facts['output']}: {frames}, {summary(facts)}",
-        *remarks(facts, asked=True),
+        f"{facts['output']}: {frames}, {rs.summary(facts)}",
+        *rs.remarks(facts),
         *(
             f"  frame {frame['frame']}: share {frame['share']:.2f}, fits {100 * frame['support']:.0f} %, "
             f"blur {frame['blur']:.1f} px, shift {frame['shift']:.1f} px, brightness x {frame['gain']:.2f}"

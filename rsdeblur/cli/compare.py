@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, replace
-from datetime import UTC, datetime
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,27 +14,8 @@ from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, transfer_of
 from rsdeblur.cli._options import Command, Recording, Target, option
-from rsdeblur.cli._output import (
-    capture_warnings,
-    cell,
-    prepare_folder,
-    print_json,
-    print_table,
-    progress,
-    say,
-    write_json,
-)
-from rsdeblur.cli._photo import (
-    Prepared,
-    correction_text,
-    facts_of,
-    moment_facts,
-    prepare,
-    refinement_facts,
-    remarks,
-    similarity,
-    stopwatch,
-)
+from rsdeblur.cli._output import capture_warnings, prepare_folder, print_json, print_table, progress, say, write_json
+from rsdeblur.cli._photo import Prepared, moment_facts, prepare, stopwatch
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError
 from rsdeblur.pipeline.options import BLUR, Options
@@ -120,16 +100,16 @@ def compare_modes(
         report: dict[str, Any] = {"photo": str(photo), "size_px": list(picture.pixels.shape[1::-1])}
         report |= moment_facts(recording, ready.inputs)
         if sharp is not None:
-            report |= {"truth": str(truth), "blurred": similarity(shown["input"], sharp)}
+            report |= {"truth": str(truth), "blurred": rs.similarity(shown["input"], sharp)}
         compared = _solve(ready, rs.Page(report | {"modes": {}}, *ready.inputs, shown, {}, transfer), each_mode, target)
     report = compared.report
     if sharp is not None:
         for mode in modes:
-            report["modes"][mode] |= similarity(shown[mode], sharp)
+            report["modes"][mode] |= rs.similarity(shown[mode], sharp)
         shown["truth"] = sharp
     _draw(target, shown, compared.banks, report["modes"])
     if target.report is not None:
-        rs.write_page(target.report, complete(compared, recording, options, texts))
+        rs.write_page(target.report, compared.completed(asdict(recording), options, texts))
         report["report"] = str(target.report)
     write_json(target.output / REPORT, "compare", report)
     if target.as_json:
@@ -138,8 +118,8 @@ def compare_modes(
     header, *rows = rs.mode_table(report)
     print_table(header, rows)
     for mode, facts in report["modes"].items():
-        say(*(f"  {mode}: {line.strip()}" for line in remarks({"check": facts["check"]}, asked=False)))
-    say(*remarks(report, asked=True))
+        say(*(f"  {mode}: {line.strip()}" for line in rs.remarks({"check": facts["check"]})))
+    say(*rs.remarks(report))
 
 
 def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options], target: Target) -> rs.Page:
@@ -148,7 +128,7 @@ def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options]
     with progress("plan") as move, ready.naming:
         planned = ready.plan(move, next(iter(each_mode.values())))
     if planned.refinement is not None:
-        compared.report["refinement"] = refinement_facts(planned.refinement)
+        compared.report["refinement"] = rs.refinement_facts(planned.refinement)
         recorded = ready.kernels()[0] if planned.refinement.accepted else None
     banks: dict[str, rs.PsfBank] = {}
     unseen = 0.0
@@ -160,7 +140,7 @@ def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options]
             result = rs.Plan(planned.frame, planned.capture, chosen).apply(picture.pixels, progress=move)
         rs.write_picture(target.output / name, result.image, like=picture, force=target.force)
         compared.shown[mode], banks[mode] = display_values(result.image, compared.transfer), result.psfs
-        compared.report["modes"][mode] = facts_of(result, target.output / name, chosen.prior_name, watch[0])
+        compared.report["modes"][mode] = rs.result_facts(result, target.output / name, chosen.prior_name, watch[0])
         unseen = 1.0 - float(result.coverage.mean())
     return compared._replace(banks=banks, unseen=unseen, recorded=recorded)
 
@@ -186,43 +166,3 @@ def _draw(
     rs.write_picture(target.output / SHEET, rs.side_by_side(panels), force=target.force)
     drawing = rs.psf_map(list(banks.values())[-1], shown["input"].shape, picture=shown["input"])
     rs.write_picture(target.output / MAP, drawing, force=target.force)
-
-
-def complete(page: rs.Page, recording: Recording, options: Options, texts: Sequence[str]) -> rs.Page:
-    """Return the page with settings and remarks; it names files without their folders, which may be private."""
-    paths = [Path(page.report["photo"]), *(value for value in asdict(recording).values() if isinstance(value, Path))]
-    remarks = []
-    for text in texts:
-        for path in sorted(paths, key=lambda path: len(str(path)), reverse=True):
-            text = text.replace(str(path), path.name)
-        remarks.append(rs.Finding("warning", "Remark", text))
-    if correction := page.report.get("refinement"):
-        level: rs.Level = "good" if correction["accepted"] else "note"
-        remarks.append(rs.Finding(level, "Motion", correction_text(correction)))
-    return page._replace(settings=_settings(page, recording, options), remarks=remarks)
-
-
-def _settings(page: rs.Page, recording: Recording, options: Options) -> dict[str, dict[str, str]]:
-    report, picture, log, camera, exposure, *_ = page
-    orientation = rs.Exif(picture.exif).orientation
-    tables: dict[str, Mapping[str, Any]] = {
-        "Picture": {
-            "photo": Path(report["photo"]),
-            "truth": Path(report["truth"]) if "truth" in report else None,
-            "stored as": f"{picture.pixels.dtype}, {(*picture.pixels.shape, 1)[2]} channels",
-            "transfer": page.transfer,
-            "EXIF orientation": None if orientation == 1 else f"{orientation}, not applied: shown as stored",
-            "report made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        },
-        "Recording": asdict(recording),
-        "Blur and solver": options.recorded | {"mode": ", ".join(report["modes"]), "transfer": page.transfer},
-        "Exposure": {"start, s": exposure.start, "duration, s": exposure.duration, "origin, ns": exposure.epoch_ns},
-        "Gyro log": {"samples": len(log), "rate, Hz": log.rate, "span, s": log.span, "origin, ns": log.epoch_ns},
-        "Camera": {each.name: getattr(camera, each.name) for each in fields(camera)}
-        | {"imu_to_camera": camera.imu_to_camera.tolist()},
-        "Software": rs.show_config(mode="dict"),
-    }
-    return {
-        title: {name.replace("_", " "): text for name, value in rows.items() if (text := cell(value, 9))}
-        for title, rows in tables.items()
-    }

@@ -8,12 +8,13 @@ from typing import Any
 import click
 
 from rsdeblur.choices import SHARP
+from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options, batch
 from rsdeblur.cli._inputs import with_exif
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._options import RECORDING, Command, Recording, Target, option, refuse_given
-from rsdeblur.cli._output import progress, refuse_inputs
-from rsdeblur.cli._photo import PhotoJob, check_sources, deblur_photo, remarks, summary
+from rsdeblur.cli._output import level, progress, refuse_inputs
+from rsdeblur.cli._photo import PhotoJob, check_sources, deblur_photo
 from rsdeblur.cli._types import PATH
 from rsdeblur.pipeline.options import Options
 
@@ -98,4 +99,5 @@ def command(
         how = f"{facts['mode']}, PSFs of up to {kernels} px, {facts['prior']}"
         target.show("deblur --dry-run", facts, f"{photo}: {size} px, all inputs fit; would write {output} ({how})")
     else:
-        target.show("deblur", facts, f"{output}: {summary(facts)}", *remarks(facts, asked=bool(refine)))
+        asked = bool(refine) or level() > 0
+        target.show("deblur", facts, f"{output}: {rs.summary(facts)}", *rs.remarks(facts, asked=asked))

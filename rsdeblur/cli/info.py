@@ -14,7 +14,7 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import read_captures, read_device
 from rsdeblur.cli._log import accelerometer
 from rsdeblur.cli._options import READING, Command, Recording, Target
-from rsdeblur.cli._output import capture_warnings, cell, linked, say
+from rsdeblur.cli._output import capture_warnings, linked, say
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import CoverageError, FileFormatError
 
@@ -248,8 +248,8 @@ def lines_of(entry: dict[str, Any]) -> Iterator[str]:
             continue
         if isinstance(value, list) and isinstance(value[0], (dict, list, str)):
             yield f"  {key}:"
-            yield from (f"    {i}: {linked(cell(item))}" for i, item in enumerate(value[:SHOWN]))
+            yield from (f"    {i}: {linked(rs.plain(item))}" for i, item in enumerate(value[:SHOWN]))
             if len(value) > SHOWN:
                 yield f"    ... {len(value) - SHOWN} more, see --json"
         else:
-            yield f"  {key}: {cell(value)}"
+            yield f"  {key}: {rs.plain(value)}"

@@ -16,7 +16,6 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_clip
 from rsdeblur.cli._options import CLIP, OUTPUT, SOLVE, Command, Recording, Target, option
 from rsdeblur.cli._output import progress, warn
-from rsdeblur.cli._photo import refinement_facts, remarks
 from rsdeblur.cli._types import NOT_NEGATIVE, PATH
 from rsdeblur.pipeline.options import Options
 from rsdeblur.video import QUALITY
@@ -110,7 +109,7 @@ def _facts(plan: rs.ClipPlan, encoding: rs.Encoding, output: Path) -> dict[str, 
         "kept": len(clip) - plan.treated,
         "largest_blur_px": plan.largest,
         "check": None if plan.check is None else asdict(plan.check),
-        "refinement": None if plan.refinement is None else refinement_facts(plan.refinement),
+        "refinement": rs.refinement_facts(plan.refinement),
         "span_s": clip.times[-1],
         "size_px": [clip.width, clip.height],
         "mode": plan.options.mode_in_effect,
@@ -140,4 +139,4 @@ def _lines(source: Path, output: Path, facts: dict[str, Any]) -> list[str]:
     else:
         dropped = f"; left out: {', '.join(facts['dropped'])}" if facts["dropped"] else ""
         lines = [f"{output}: {frames}, {how}, {facts['seconds']:.1f} s{dropped}{verdict}"]
-    return lines + remarks(facts, asked=True)
+    return lines + rs.remarks(facts)

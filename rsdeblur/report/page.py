@@ -9,6 +9,8 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
+from datetime import UTC, datetime
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -21,13 +23,17 @@ from PIL import Image, ImageOps
 
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur.choices import VERDICTS, Transfer
+from rsdeblur.config import show_config
+from rsdeblur.io.exif import Exif
 from rsdeblur.io.pictures import Picture
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.pipeline.options import Options
 from rsdeblur.psf import PsfBank
 from rsdeblur.report.drawings import bank_data, picture_uris, telling_place, thumbnail_uri, weight_map_uri
-from rsdeblur.report.figures import LEVELS, VERDICT_LEVELS, Finding, findings, motion_data
+from rsdeblur.report.facts import correction_text, plain
+from rsdeblur.report.figures import LEVELS, VERDICT_LEVELS, Finding, Level, findings, motion_data
 
 STAGES = ("highlights", "tune", "align", "psfs", "plan", "apply", "rectify", "check")
 TIMES = "\N{MULTIPLICATION SIGN}"
@@ -102,6 +108,54 @@ class Page(NamedTuple):
             return math.inf if psnr is None else psnr, -place, results.index(label)
 
         return max(results, key=rank)
+
+    def completed(self, recording: Mapping[str, Any], options: Options, texts: Sequence[str]) -> Page:
+        """Return the page with settings and remarks.
+
+        Parameters
+        ----------
+        recording : mapping
+            Names of the files and values that gave log, camera and exposure.
+        options : Options
+            Options of the results.
+        texts : sequence of str
+            Warnings. The page names files without their folders, which may be private.
+        """
+        paths = [Path(self.report["photo"]), *(value for value in recording.values() if isinstance(value, Path))]
+        remarks = []
+        for text in texts:
+            for path in sorted(paths, key=lambda path: len(str(path)), reverse=True):
+                text = text.replace(str(path), path.name)
+            remarks.append(Finding("warning", "Remark", text))
+        if correction := self.report.get("refinement"):
+            level: Level = "good" if correction["accepted"] else "note"
+            remarks.append(Finding(level, "Motion", correction_text(correction)))
+        tables = {
+            title: {name.replace("_", " "): text for name, value in rows.items() if (text := plain(value, 9))}
+            for title, rows in self._settings(recording, options).items()
+        }
+        return self._replace(settings=tables, remarks=remarks)
+
+    def _settings(self, recording: Mapping[str, Any], options: Options) -> dict[str, Mapping[str, Any]]:
+        report, picture, log, camera, exposure, *_ = self
+        orientation = Exif(picture.exif).orientation
+        return {
+            "Picture": {
+                "photo": Path(report["photo"]),
+                "truth": Path(report["truth"]) if "truth" in report else None,
+                "stored as": f"{picture.pixels.dtype}, {(*picture.pixels.shape, 1)[2]} channels",
+                "transfer": self.transfer,
+                "EXIF orientation": None if orientation == 1 else f"{orientation}, not applied: shown as stored",
+                "report made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+            },
+            "Recording": recording,
+            "Blur and solver": options.recorded | {"mode": ", ".join(report["modes"]), "transfer": self.transfer},
+            "Exposure": {"start, s": exposure.start, "duration, s": exposure.duration, "origin, ns": exposure.epoch_ns},
+            "Gyro log": {"samples": len(log), "rate, Hz": log.rate, "span, s": log.span, "origin, ns": log.epoch_ns},
+            "Camera": {each.name: getattr(camera, each.name) for each in fields(camera)}
+            | {"imu_to_camera": camera.imu_to_camera.tolist()},
+            "Software": show_config(mode="dict"),
+        }
 
 
 def write_page(path: str | os.PathLike[str], page: Page) -> None:
