@@ -24,10 +24,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, Deconvolver, PsfBank
+from rsdeblur import Camera, PsfBank
 from rsdeblur._util.atomic import atomic_write, check_target
-from rsdeblur.choices import Planning
-from rsdeblur.deconv import fft
 from rsdeblur.errors import OutputError
 from rsdeblur.io import read_picture, write_picture
 from rsdeblur.io.picture_output import picture_to_fill
@@ -42,7 +40,7 @@ def _picture(name: str) -> tuple[Callable[[Path, int], None], Callable[[Path], A
     return lambda path, i: write_picture(path, pictures[i], force=True), lambda path: read_picture(path).pixels
 
 
-def _wisdom(path: Path, which: int) -> None:
+def _write(path: Path, which: int) -> None:
     with atomic_write(path) as file:
         file.write(bytes([which]) * 50_000)
 
@@ -54,7 +52,7 @@ WRITERS: dict[str, tuple[Callable[[Path, int], None], Callable[[Path], Any]]] = 
         lambda path, i: PsfBank(np.full((2, 1, 3, 3), 1 / 9), np.arange(2.0) + i, np.zeros(1)).save(path),
         PsfBank.load,
     ),
-    "fftw.wisdom": (_wisdom, lambda path: path.read_bytes()),
+    "batch.json": (_write, lambda path: path.read_bytes()),
 }
 
 
@@ -78,20 +76,6 @@ def _fill_in_place(path: Path, pixels: Any) -> None:
 def heed_interrupts() -> None:
     """Restore the default action: background jobs of a shell ignore interrupts."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-def _plan(planning: Planning) -> None:
-    image = np.random.default_rng(0).random((60, 70), dtype=np.float32)
-    bank = PsfBank.for_picture(np.eye(5)[2:3].T @ np.eye(5)[2:3], image.shape)
-    sharp = Deconvolver(bank, image.shape, nsr=1e-6, planning=planning, threads=1).apply(image)
-    np.testing.assert_allclose(sharp, image, atol=1e-4)
-
-
-def _plan_anew(planning: Planning) -> None:
-    # The parent has loaded its wisdom, and measured plans.
-    fft._recall.cache_clear()
-    fft._measured.clear()
-    _plan(planning)
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -158,34 +142,6 @@ def test_a_disk_that_is_full_at_the_end(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(OutputError, match=r"camera\.toml: cannot write the file: No space left on device"):
         Camera(3, 3, 5.0).save(path)
     assert [(path, path.read_text())] == [(path, "old") for path in tmp_path.iterdir()]
-
-
-def test_damaged_wisdom_is_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each time in a new process, which FFTW would abort where plans contradict themselves."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    _plan("measure")
-    file, rng = fft.wisdom_file(), random.Random(0)
-    good = file.read_bytes()
-    for _ in range(8):
-        data = bytearray(good)
-        for _ in range(rng.choice((1, 3, 30))):
-            data[rng.randrange(len(data))] = rng.choice((rng.randrange(256), ord(")"), ord("("), ord("9"), 0))
-        file.write_bytes(data[: rng.choice((len(data), rng.randrange(len(data))))])
-        process = get_context("fork").Process(target=_plan_anew, args=("estimate",))
-        process.start()
-        process.join()
-        assert process.exitcode == 0
-
-
-def test_two_processes_plan_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    pair = [get_context("fork").Process(target=_plan_anew, args=("measure",)) for _ in range(2)]
-    for process in pair:
-        process.start()
-    for process in pair:
-        process.join()
-    assert [process.exitcode for process in pair] == [0, 0]
-    assert [path.suffix for path in tmp_path.rglob("*") if path.is_file()] == [".wisdom"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -2,34 +2,24 @@
 
 A transform runs in the thread that calls it; threads share blocks of work (`rsdeblur.deconv.hybrid`), not transforms.
 
-Measured plans are kept in the user's cache folder, in one file per FFTW version and processor, for all later processes
-that measure. FFTW would use its memory of plans, its wisdom, for estimated ones too, so that the bits of a result would
-depend on what was measured before. Hence it has the wisdom of measured plans only while it measures.
+Measured plans are kept while the process runs. FFTW would use its memory of plans, its wisdom, for estimated ones too,
+so that the bits of a result would depend on what was measured before. Hence it has the wisdom of measured plans only
+while it measures.
 """
 
 from __future__ import annotations
 
-import hashlib
-import platform
 import threading
-import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import cache
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import platformdirs
 import pyfftw
 from numpy.typing import NDArray
 
-from rsdeblur._util.atomic import atomic_write
-from rsdeblur._util.files import read_file
 from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import held_at_forks
 from rsdeblur.choices import Planning
-from rsdeblur.errors import FileFormatError, OutputError, RsdeblurWarning
 from rsdeblur.kernels import spectral
 from rsdeblur.types import ComplexArray, Float32Array
 
@@ -128,89 +118,22 @@ def _plan(source: NDArray[Any], target: NDArray[Any], direction: str, planning: 
         flags = (f"FFTW_{planning.upper()}", "FFTW_DESTROY_INPUT")
         return pyfftw.FFTW(source, target, axes=(-1,), direction=direction, flags=flags, planning_timelimit=limit)
 
-    if planning == "estimate":
-        with _planner:
-            return plan(None)
-    _recall()
-    with _measured_wisdom(_measured):
-        planned = plan(PLANNING_TIME)
-        _measured[:] = [pyfftw.export_wisdom()[1]]
-    return planned
-
-
-# Wisdom about the plans that this process and earlier ones measured.
-_measured: list[bytes] = []
-# FFTW has one planner and one wisdom per process.
-_planner = held_at_forks(threading.RLock())
-
-
-@contextmanager
-def _measured_wisdom(single: list[bytes]) -> Iterator[None]:
-    """Give FFTW this wisdom alone, in single precision; what it knew of estimated plans is put aside meanwhile."""
     with _planner:
+        if planning == "estimate":
+            return plan(None)
         aside = pyfftw.export_wisdom()
         pyfftw.forget_wisdom()
-        for wisdom in single:
-            pyfftw.import_wisdom((b"", wisdom, b""))
+        pyfftw.import_wisdom((b"", *_measured, b""))
         try:
-            yield
+            planned = plan(PLANNING_TIME)
+            _measured[:] = [pyfftw.export_wisdom()[1]]
+            return planned
         finally:
             pyfftw.forget_wisdom()
             pyfftw.import_wisdom(aside)
 
 
-def wisdom_file() -> Path:
-    """Return the path of the file with this machine's measured plans."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        processor = next(line for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        processor = platform.processor()
-    kind = hashlib.sha256(f"{platform.machine()} {processor}".encode()).hexdigest()[:12]
-    return platformdirs.user_cache_path("rsdeblur") / f"{pyfftw.fftw_version}-{kind}.wisdom"
-
-
-@cache
-def _recall() -> None:
-    """Load the plans that earlier processes measured, once per process."""
-    _measured.extend(_stored())
-
-
-def _stored() -> list[bytes]:
-    """Return the wisdom that is stored, if there is any that is sound."""
-    try:
-        seal, _, single = read_file(wisdom_file(), "wisdom").partition(b"\n")
-    except FileFormatError:
-        return []
-    # FFTW ignores wisdom of another build, but damaged wisdom may make it abort the process; hence the seal.
-    return [single] if seal == _seal(single) else []
-
-
-def _seal(wisdom: bytes) -> bytes:
-    return hashlib.sha256(wisdom).hexdigest().encode()
-
-
-def remember() -> None:
-    """Store all plans measured so far, together with those that other processes stored meanwhile.
-
-    If the cache folder cannot be written, this warns once per process, and the next process measures again.
-    """
-    file = wisdom_file()
-    stored = _stored()
-    with _measured_wisdom([*_measured, *stored]):
-        single = pyfftw.export_wisdom()[1]
-    # FFTW exports its plans in any order.
-    if stored and sorted(stored[0].splitlines()) == sorted(single.splitlines()):
-        return
-    sealed = _seal(single) + b"\n" + single
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(file) as out:
-            out.write(sealed)
-    except (OSError, OutputError) as error:
-        _warn_not_kept(str(error))
-
-
-@cache
-def _warn_not_kept(reason: str) -> None:
-    warnings.warn(f"measured FFT plans cannot be kept, planning is repeated next time: {reason}", RsdeblurWarning, 3)
+# Wisdom about the plans that this process measured, in single precision.
+_measured = [b""]
+# FFTW has one planner and one wisdom per process.
+_planner = held_at_forks(threading.RLock())

@@ -21,7 +21,6 @@ from rsdeblur._util import validate
 from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, SOLVERS, Border, Planning, Solver
-from rsdeblur.deconv.fft import remember
 from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, LatentPrior
 from rsdeblur.deconv.rowwise_blur import latent_rows, strip_blurs
 from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
@@ -107,8 +106,6 @@ class RowSolver:
         self._workspaces: list[Float32Array] = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
         # Floats of the assembled normal matrix of each strip.
         self._assembled_sizes = [rowwise.assembled_size(s.model, s.table(0, 1), s.rows) for s in self._strips]
-        if planning == "measure":
-            remember()
 
     @property
     def blocks(self) -> int:

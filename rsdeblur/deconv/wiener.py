@@ -20,7 +20,6 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
 from rsdeblur.deconv import otf
-from rsdeblur.deconv.fft import remember
 from rsdeblur.deconv.hybrid import COLUMNS, Hybrid
 from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.tiling import BAND_EXCESS, Tiling
@@ -100,8 +99,6 @@ class TileFilter:
         self._copy: NDArray[np.float32] | None = None
         # The inverse transforms are not scaled, so every filter contains this factor.
         self._scale = 1.0 / (self._bands.length * self._strips.length)
-        if planning == "measure":
-            remember()
 
     @property
     def _bytes_per_frequency(self) -> int:

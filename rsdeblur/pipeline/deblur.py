@@ -154,8 +154,8 @@ def deblur(
     fallback : bool, default False
         Blend the result towards the input if the check finds it bad; not with ``geometry="rectify"``.
     planning : {"estimate", "measure"}
-        How FFTW plans: at once, or by measuring, up to a second per plan. Measured plans are kept for later runs that
-        measure. Only with "measure" do the bits of a result depend on what was planned before.
+        How FFTW plans: at once, or by measuring, up to a second per plan. Measured plans are kept while the
+        process runs. Only with "measure" do the bits of a result depend on what was planned before.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
     max_memory : int, optional
