@@ -117,7 +117,6 @@ from rsdeblur.report.facts import similarity as similarity
 from rsdeblur.report.facts import summary as summary
 from rsdeblur.report.figures import readout_data as readout_data
 from rsdeblur.report.page import mode_table as mode_table
-from rsdeblur.report.timeline import timeline_svg as timeline_svg
 from rsdeblur.simulation.clip import simulate_clip as simulate_clip
 from rsdeblur.simulation.scene import scene as scene
 from rsdeblur.simulation.shake import hand_shake as hand_shake
