@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur._util.extras import missing
 from rsdeblur.burst.burst import BurstResult
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
@@ -28,7 +27,7 @@ from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.psf import PsfBank
 from rsdeblur.report.drawings import DIM, MOST, draw_kernels, fitting, thinned
-from rsdeblur.report.figures import around, rates_in_camera
+from rsdeblur.report.facts import around, rates_in_camera
 from rsdeblur.types import FloatArray
 
 if TYPE_CHECKING:
@@ -273,7 +272,7 @@ def _pyplot() -> Any:
     try:
         import matplotlib.pyplot as plt
     except ImportError:
-        raise InputError(missing("plots need Matplotlib", "plot")) from None
+        raise InputError(validate.missing("plots need Matplotlib", "plot")) from None
     return plt
 
 

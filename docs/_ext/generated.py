@@ -21,7 +21,7 @@ from sphinx.util.nodes import make_refnode
 
 import rsdeblur
 from rsdeblur.cli import main
-from rsdeblur.cli._schema import SCHEMA, described, records
+from rsdeblur.cli._output import SCHEMA, described, records
 
 # Modules for users, beside the names of `rsdeblur` itself, in the order of the package's ladder.
 MODULES = (

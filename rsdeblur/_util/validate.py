@@ -62,6 +62,12 @@ def shown(value: object) -> str:
     return text if 0 < len(text) <= 80 else type(value).__name__
 
 
+def missing(need: str, extra: str) -> str:
+    """Return the message that something needs a package, and how to install it with the `extra` of this project."""
+    # The package is on no index.
+    return f"{need}; run in the folder of rsdeblur's source code: pip install '.[{extra}]'"
+
+
 def boolean(name: str, value: object) -> bool:
     """Return `value`, which must be True or False."""
     if not isinstance(value, bool):

@@ -110,12 +110,12 @@ from rsdeblur.report import write_page as write_page
 from rsdeblur.report.drawings import bank_data as bank_data
 from rsdeblur.report.drawings import picture_uris as picture_uris
 from rsdeblur.report.facts import plain as plain
+from rsdeblur.report.facts import readout_data as readout_data
 from rsdeblur.report.facts import refinement_facts as refinement_facts
 from rsdeblur.report.facts import remarks as remarks
 from rsdeblur.report.facts import result_facts as result_facts
 from rsdeblur.report.facts import similarity as similarity
 from rsdeblur.report.facts import summary as summary
-from rsdeblur.report.figures import readout_data as readout_data
 from rsdeblur.report.page import mode_table as mode_table
 from rsdeblur.simulation.clip import simulate_clip as simulate_clip
 from rsdeblur.simulation.scene import scene as scene

@@ -1,6 +1,7 @@
 """Output of the commands: lines, JSON, tables, progress bars, folders.
 
-No other module of the command line prints, so that nothing reaches the terminal that it would interpret.
+No other module of the command line prints, so that nothing reaches the terminal that it would interpret. `schema.toml`
+lists the stable keys of JSON.
 """
 
 from __future__ import annotations
@@ -11,11 +12,14 @@ import logging
 import re
 import sys
 import time
+import tomllib
 import unicodedata
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import cache
 from importlib.metadata import metadata
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +27,10 @@ import click
 
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur.cli import _engine as rs
-from rsdeblur.cli._schema import SCHEMA, arranged
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 
+# Raised when a stable key of JSON is removed or changes its meaning.
+SCHEMA = 1
 # Key of the context's `meta` under which the level of detail is: -1 quiet, 1 verbose.
 LEVEL = "rsdeblur.level"
 # The inputs and the stages of the work, which a verbose command prints.
@@ -215,6 +220,56 @@ def check_output(path: Path, *, force: bool, suffixes: Sequence[str] = (), kind:
 def check_camera_file(path: Path, *, force: bool) -> None:
     """Check that a camera file can be written; see `check_output`."""
     check_output(path, force=force, suffixes=(".toml",), kind="a camera file is TOML")
+
+
+@cache
+def records() -> dict[str, dict[str, Any]]:
+    """Return the keys of each kind of record, each with its meaning, or with the kind of the records that it contains.
+
+    The name of a key that may be missing ends in "?".
+    """
+    table: dict[str, dict[str, Any]] = tomllib.loads(files(__package__).joinpath("schema.toml").read_text("utf-8"))
+    for keys in table.values():
+        own = {name.rstrip("?") for name in keys}
+        for like, mark in (("like", ""), ("like?", "?")):
+            for name, key in table.get(keys.pop(like, ""), {}).items():
+                plain = name.rstrip("?")
+                if plain not in own:
+                    keys[plain + (mark or name[len(plain) :])] = key
+    return table
+
+
+def arranged(kind: str, facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return facts under the keys of the contract, and all others under "details"."""
+    keys = {name.rstrip("?"): key for name, key in records()[kind].items()}
+    stable, details = {}, dict(facts.get("details", {}))
+    for name, value in facts.items():
+        if name in keys:
+            stable[name] = _within(keys[name], value)
+        elif name != "details":
+            details[name] = value
+    return stable | ({"details": details} if details else {})
+
+
+def _within(key: str | Mapping[str, str], value: Any) -> Any:
+    if isinstance(key, str) or value is None:
+        return value
+    ((form, kind),) = key.items()
+    if form == "list":
+        return [arranged(kind, each) for each in value]
+    if form == "map":
+        return {name: arranged(kind, each) for name, each in value.items()}
+    return arranged(kind, value)
+
+
+def described(kind: str, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the path of each stable key of a kind, like ``modes.*.check.verdict``, and its meaning."""
+    for name, key in records()[kind].items():
+        if isinstance(key, str):
+            yield prefix + name, key
+        else:
+            ((form, inner),) = key.items()
+            yield from described(inner, prefix + name + {"list": "[].", "map": ".*.", "record": "."}[form])
 
 
 def print_json(kind: str, facts: Mapping[str, Any]) -> None:

@@ -22,6 +22,7 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._items import COLUMNS, Item, read_items
 from rsdeblur.cli._options import FILES, SERIES, Command, Recording, Target, shared_threads
 from rsdeblur.cli._output import (
+    arranged,
     capture_warnings,
     compiling,
     file_state,
@@ -39,7 +40,6 @@ from rsdeblur.cli._output import (
     write_json,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
-from rsdeblur.cli._schema import arranged
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError, OutputError, RsdeblurError
 from rsdeblur.pipeline.options import Options

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rsdeblur._util.extras import missing
 from rsdeblur._util.threads import share_blocks
+from rsdeblur._util.validate import missing
 from rsdeblur.deconv.wavelet import OPPONENT
 from rsdeblur.errors import InputError
 from rsdeblur.types import FloatImage

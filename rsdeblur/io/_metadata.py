@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from rsdeblur._util.binary import DAMAGE, PREFIX, tags_of
 from rsdeblur._util.one_line import one_line
-from rsdeblur._util.tags import DAMAGE, PREFIX, tags_of
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.image.profile import linear_profile
 from rsdeblur.io.exif import renewed as renewed_exif

@@ -13,7 +13,7 @@ from io import BytesIO
 import numpy as np
 import tifffile
 
-from rsdeblur._util.extras import missing
+from rsdeblur._util.validate import missing
 from rsdeblur.image.profile import linear_profile
 from rsdeblur.io import _tiff
 from rsdeblur.io._metadata import Picture, of_info

@@ -20,7 +20,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from rsdeblur._util.tags import LONG, ORIENTATION, Tags, block_of, directory, tags_of
+from rsdeblur._util.binary import LONG, ORIENTATION, Tags, block_of, directory, tags_of
 from rsdeblur.io._metadata import C2PA, CLASSIC_BYTES, Picture
 from rsdeblur.io.source import Refused, check_trusted
 

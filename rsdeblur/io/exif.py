@@ -16,7 +16,7 @@ from typing import Any
 from PIL import Image
 from PIL.ExifTags import IFD, Base
 
-from rsdeblur._util.tags import DAMAGE, LONG, ORIENTATION, PREFIX, SHORT, Directory, Tags, block_of
+from rsdeblur._util.binary import DAMAGE, LONG, ORIENTATION, PREFIX, SHORT, Directory, Tags, block_of
 from rsdeblur.errors import InputError
 from rsdeblur.motion.wall_clock import SECOND_NS, CaptureTime, shown
 

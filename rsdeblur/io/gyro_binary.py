@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur._util.extras import missing
+from rsdeblur._util.binary import check_sample_sizes
 from rsdeblur._util.files import open_file
-from rsdeblur._util.mp4 import check_sample_sizes
+from rsdeblur._util.validate import missing
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io._sensor import AVIF_BRANDS, BRANDS
 from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds

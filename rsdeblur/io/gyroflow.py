@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur._util.base91 import base91_decode
-from rsdeblur._util.extras import missing
+from rsdeblur._util.binary import base91_decode
+from rsdeblur._util.validate import missing
 from rsdeblur.choices import Distortion
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur._util.extras import missing
+from rsdeblur._util.validate import missing
 from rsdeblur.choices import Distortion
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished

@@ -19,8 +19,8 @@ from PIL import Image
 
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write, check_target, reserve
+from rsdeblur._util.binary import PREFIX
 from rsdeblur._util.files import checked_path
-from rsdeblur._util.tags import PREFIX
 from rsdeblur.errors import InputError, OutputError
 from rsdeblur.image.quantise import quantised
 from rsdeblur.io import _tiff

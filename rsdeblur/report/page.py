@@ -32,8 +32,16 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
 from rsdeblur.psf import PsfBank
 from rsdeblur.report.drawings import bank_data, picture_uris, telling_place, thumbnail_uri, weight_map_uri
-from rsdeblur.report.facts import correction_text, plain
-from rsdeblur.report.figures import LEVELS, VERDICT_LEVELS, Finding, Level, findings, motion_data
+from rsdeblur.report.facts import (
+    LEVELS,
+    VERDICT_LEVELS,
+    Finding,
+    Level,
+    correction_text,
+    findings,
+    motion_data,
+    plain,
+)
 
 STAGES = ("highlights", "tune", "align", "psfs", "plan", "apply", "rectify", "check")
 TIMES = "\N{MULTIPLICATION SIGN}"

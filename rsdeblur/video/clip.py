@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._util.extras import missing
 from rsdeblur._util.files import checked_path, ffmpeg_input, open_file
+from rsdeblur._util.validate import missing
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io.captures import open_captures
 from rsdeblur.io.sessions import PHOTOS, encoded_timestamps, nearest_captures

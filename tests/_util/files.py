@@ -14,7 +14,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from rsdeblur._util.base91 import BASE91
+from rsdeblur._util.binary import BASE91
 
 # A timestamp in ns that float64 cannot represent, and the samples in all logs: t in ns; x, y, z in rad/s or m/s^2.
 EPOCH, STEP = 1_766_385_749_427_863_801, 5_000_000

@@ -20,8 +20,7 @@ from PIL import Image
 
 from rsdeblur._util import workers
 from rsdeblur.cli import main
-from rsdeblur.cli._output import COMPILING
-from rsdeblur.cli._schema import SCHEMA, records
+from rsdeblur.cli._output import COMPILING, SCHEMA, records
 from rsdeblur.motion.camera import Camera
 
 WIDTH, HEIGHT = 96, 72

@@ -15,7 +15,7 @@ import tifffile
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from rsdeblur._util.tags import block_of, tags_of
+from rsdeblur._util.binary import block_of, tags_of
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import _metadata, read_picture, write_picture
 from rsdeblur.io.exif import Exif, renewed, with_orientation

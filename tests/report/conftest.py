@@ -10,7 +10,7 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.psf import PsfBank
 from rsdeblur.report import Page
-from rsdeblur.report.figures import Finding
+from rsdeblur.report.facts import Finding
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.report import drawings, write_page
-from rsdeblur.report.figures import findings, motion_data
+from rsdeblur.report.facts import findings, motion_data
 from rsdeblur.report.page import render
 
 # Every way out of an element, an attribute, a comment, JSON and a template.

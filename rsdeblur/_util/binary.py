@@ -1,13 +1,14 @@
-"""Directories of tags in EXIF blocks and TIFF files, whose entries may be changed in place."""
+"""Parts of binary files: tags of EXIF blocks and TIFF files, boxes of videos (ISO/IEC 14496-12), basE91 (Henke)."""
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Collection
 from contextlib import suppress
 from fractions import Fraction
 from mmap import mmap
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from PIL.ExifTags import IFD, Base
@@ -21,6 +22,7 @@ ORIENTATION = Base.Orientation
 SHORT, LONG = 3, 4
 # Tables that the tables of a block point to.
 POINTERS: dict[int | None, tuple[int, ...]] = {None: (IFD.Exif, IFD.GPSInfo), IFD.Exif: (IFD.Interop,)}
+BASE91 = b'ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789!#$%&()*+,./:;<=>?@[]^_`{|}~"'
 # Values by tag: their kind, their number, and their bytes, least significant first; or the values of another table.
 Tags = dict[int, "tuple[int, int, bytes] | Tags"]
 
@@ -121,3 +123,60 @@ def directory(tags: Tags, start: int) -> bytes:
 def block_of(tags: Tags) -> bytes:
     """Return an EXIF block with these tags."""
     return PREFIX + b"II*\0\x08\0\0\0" + directory(tags, 8)
+
+
+def check_sample_sizes(file: BinaryIO) -> None:
+    """Raise ValueError if a sample claims more bytes than the video has (section 8.7.3).
+
+    Decoders make room for a sample before they read it: a file of 39 kB may take 4 GiB.
+    """
+    # Boxes that lead to the table of sizes.
+    containers = (b"moov", b"trak", b"mdia", b"minf", b"stbl")
+    whole = file.seek(0, os.SEEK_END)
+    # Parts of the file that contain boxes; a list, because a damaged file may nest them without end.
+    parts = [(0, whole)]
+    while parts:
+        place, stop = parts.pop()
+        while place + 8 <= stop:
+            kind, start, place = _box(file, place, stop)
+            if kind in containers:
+                parts.append((start, place))
+            elif kind == b"stsz":
+                file.seek(start)
+                table = file.read(place - start).ljust(12, b"\0")
+                # Version and flags, the size of all samples or 0, their number; then the size of each.
+                _, largest, count = struct.unpack_from(">III", table)
+                each = np.frombuffer(table, ">u4", min(count, (len(table) - 12) // 4), 12)
+                if (largest := largest or int(each.max(initial=0))) > whole:
+                    raise ValueError(f"it claims a sample of {largest} bytes, and has {whole} in all")
+
+
+def _box(file: BinaryIO, place: int, stop: int) -> tuple[bytes, int, int]:
+    """Return the kind of the box at `place`, and where its content begins and ends, at `stop` at the latest."""
+    file.seek(place)
+    size, kind = struct.unpack(">I4s", file.read(8))
+    start = place + 8
+    if size == 1 and start + 8 <= stop:
+        (size,) = struct.unpack(">Q", file.read(8))
+        start += 8
+    # A size of 0 reaches to the end. Nothing can follow a box whose size is less than that of its header.
+    end = place + size if size >= start - place else stop
+    return kind, start, min(end, stop)
+
+
+def base91_decode(text: bytes) -> bytes:
+    """Decode basE91 (Henke): two characters carry 13 or 14 bits."""
+    others = bytes(set(range(256)).difference(BASE91))
+    values = text.translate(bytes(max(BASE91.find(code), 0) for code in range(256)), others)
+    out, bits, count = bytearray(), 0, 0
+    for low, high in zip(values[::2], values[1::2], strict=False):
+        pair = low + 91 * high
+        bits |= pair << count
+        count += 13 if pair & 8191 > 88 else 14
+        while count > 7:
+            out.append(bits & 255)
+            bits >>= 8
+            count -= 8
+    if len(values) % 2:
+        out.append((bits | values[-1] << count) & 255)
+    return bytes(out)
