@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -13,7 +12,6 @@ from typing import NamedTuple
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import FileState, capture_warnings, file_state, warn
-from rsdeblur.errors import RsdeblurError
 
 # Angle (rad) from which gravity does not point to the bottom of a picture, and that from which it points to its top.
 ASIDE, TOP = math.radians(50), math.radians(130)
@@ -64,14 +62,12 @@ def _gyro_file(
 
 def accelerometer(path: Path, columns: str | None) -> rs.AccelerationLog | None:
     """Return the accelerometer's samples in a gyro log; None if there are none that can be read."""
-    return _acceleration(path, file_state(path), rs.choice_for("gyro log", columns))
+    return _acceleration(path, file_state(path), columns)
 
 
 @lru_cache(maxsize=1)
 def _acceleration(path: Path, _: FileState, columns: str | None) -> rs.AccelerationLog | None:
-    with capture_warnings(show=False), suppress(RsdeblurError):
-        return rs.read_acceleration(path, columns=columns)
-    return None
+    return rs.accelerometer(path, columns)
 
 
 def warn_of_axes(file: rs.GyroFile, camera: rs.Camera, recording: Recording) -> None:

@@ -17,7 +17,7 @@ from rsdeblur.cli._inputs import naming, transfer_of
 from rsdeblur.cli._options import Command, Target, option
 from rsdeblur.cli._output import check_camera_file
 from rsdeblur.cli._types import COUNT, PATH, POSITIVE, READOUT, SECONDS, SIZE, NumberType, TextType, box, numbers
-from rsdeblur.cli.info import camera_facts, lines_of
+from rsdeblur.cli.info import lines_of
 from rsdeblur.errors import InputError
 
 EXAMPLES = """\b
@@ -199,5 +199,5 @@ def _write(file: rs.CameraFile, target: Target) -> None:
 
 
 def _show(path: Path, file: rs.CameraFile, target: Target) -> None:
-    entry = {"file": str(path)} | camera_facts(file)
+    entry = {"file": str(path)} | rs.camera_facts(file)
     target.show("camera", entry, *lines_of(entry))
