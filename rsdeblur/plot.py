@@ -1,4 +1,4 @@
-"""Plots with Matplotlib (extra ``[plot]``): kernels, paths, logs and comparisons.
+"""Plots with Matplotlib (extra ``[plot]``): paths, logs and comparisons; `rsdeblur.report.psf_map` draws kernels.
 
 Every function draws into the axes that it is given, or into a new figure, and returns the axes. Matplotlib is imported
 at the first call, so its backend can be chosen after this module is imported.
@@ -25,58 +25,14 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.pipeline.plan import DeblurResult
-from rsdeblur.psf import PsfBank
-from rsdeblur.report.drawings import DIM, MOST, draw_kernels, fitting, thinned
+from rsdeblur.report.drawings import DIM, MOST, fitting, thinned
 from rsdeblur.report.facts import around, rates_in_camera
 from rsdeblur.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["comparison", "kernels", "log", "paths"]
-
-
-def kernels(
-    bank: PsfBank, picture: ArrayLike | None = None, *, transfer: Transfer | Auto = "auto", ax: Axes | None = None
-) -> Axes:
-    """Draw kernels at their places in the picture, all enlarged by one factor, each brightened to its own peak.
-
-    Parameters
-    ----------
-    bank : PsfBank
-        Kernels and their places; at most 12 x 9 of them are drawn.
-    picture : array_like, shape (H, W) or (H, W, C), optional
-        Picture below the kernels.
-    transfer : {"auto", "linear", "srgb"} or float
-        How the picture's values encode light, as for :func:`rsdeblur.deblur`.
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; default a new figure.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        Axes in px of the picture.
-
-    Raises
-    ------
-    InputError
-        If an argument is invalid, or Matplotlib is not installed.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import rsdeblur.plot
-    >>> bank = rsdeblur.PsfBank.for_picture(np.full((2, 3, 1, 5), 0.2), (480, 640))
-    >>> ax = rsdeblur.plot.kernels(bank)
-    >>> ax.get_title()
-    '2 rows x 3 columns of kernels of 5 x 1 px, drawn 4.8 times as large as in the picture'
-    """
-    validate.instance("bank", bank, PsfBank)
-    ax, shape = _ground(ax, picture, bank.rows, bank.cols)
-    drawing, text = draw_kernels(bank, shape, None if picture is None else _display(picture, transfer))
-    ax.imshow(drawing, extent=(-0.5, shape[1] - 0.5, shape[0] - 0.5, -0.5))
-    ax.set_title(text, wrap=True)
-    return ax
+__all__ = ["comparison", "log", "paths"]
 
 
 def paths(paths: BlurPaths, picture: ArrayLike | None = None, *, ax: Axes | None = None) -> Axes:
@@ -111,8 +67,12 @@ def paths(paths: BlurPaths, picture: ArrayLike | None = None, *, ax: Axes | None
     4
     """
     validate.instance("paths", paths, BlurPaths)
-    ax, shape = _ground(ax, picture, paths.rows, paths.cols)
+    ax = _axes(ax)
+    ax.set_facecolor("0.1")
+    # Without a picture, its shape follows from even places.
+    shape = tuple(round(places[0] + places[-1] + 1) for places in (paths.rows, paths.cols))
     if picture is not None:
+        shape = np.shape(picture)
         ax.imshow(DIM * _display(picture, "auto"), cmap="gray", vmin=0.0, vmax=1.0, zorder=1)
     from matplotlib.collections import LineCollection
 
@@ -124,6 +84,8 @@ def paths(paths: BlurPaths, picture: ArrayLike | None = None, *, ax: Axes | None
         pieces = LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), cmap="plasma", linewidth=2, zorder=2)
         pieces.set_array(np.linspace(0.0, 1.0, len(pieces.get_paths())))
         ax.add_collection(pieces)
+    ax.set_aspect("equal")
+    ax.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5), xlabel="column, px", ylabel="row, px")
     ax.set_title(f"paths of up to {paths.lengths.max():.3g} px, drawn {zoom:.2g} times as large")
     return ax
 
@@ -287,15 +249,3 @@ def _display(picture: ArrayLike | DeblurResult | BurstResult, transfer: Transfer
     encoded = EncodedImage.of(picture, transfer)
     values = from_linear(encoded.linear(slice(None)), "srgb").clip(0.0, 1.0).astype(np.float64)
     return values[..., 0] if values.shape[2] == 1 else values
-
-
-def _ground(
-    ax: Axes | None, picture: ArrayLike | None, rows: FloatArray, cols: FloatArray
-) -> tuple[Any, tuple[int, ...]]:
-    """Return dark axes in px of a picture, and its shape, which without a picture follows from even places."""
-    ax = _axes(ax)
-    ax.set_facecolor("0.1")
-    shape = np.shape(picture) if picture is not None else (round(rows[0] + rows[-1] + 1), round(cols[0] + cols[-1] + 1))
-    ax.set_aspect("equal")
-    ax.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5), xlabel="column, px", ylabel="row, px")
-    return ax, shape

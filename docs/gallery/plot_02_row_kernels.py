@@ -28,7 +28,8 @@ paths = rsdeblur.motion.BlurPaths.from_capture(capture, rows=np.linspace(16, 150
 _, (left, right) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
 rsdeblur.plot.paths(paths, ax=left)
 bank = rsdeblur.psfs(log, camera, exposure)
-axes = rsdeblur.plot.kernels(bank, ax=right)
+right.imshow(rsdeblur.report.psf_map(bank, (camera.height, camera.width)))
+right.set_axis_off()
 
 # %%
 # ``bank.at`` interpolates the kernel at any point:

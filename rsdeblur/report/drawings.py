@@ -189,30 +189,6 @@ def fitting(rows: FloatArray, cols: FloatArray, size: Sequence[float], shape: tu
     return FILLED * min(float(room) / side for room, side in zip(rooms, size, strict=True))
 
 
-def draw_kernels(bank: PsfBank, shape: tuple[int, ...], picture: Display | None = None) -> tuple[Image.Image, str]:
-    """Draw the kernels of `bank` at their places in a picture of this shape, dimmed below them, and describe them."""
-    scale = LONG_SIDE / max(shape[:2])
-    width, height = (max(round(side * scale), 1) for side in (shape[1], shape[0]))
-    drawing = Image.new("RGB", (width, height), GROUND)
-    if picture is not None:
-        grey = rgb8("picture", picture).convert("L").resize((width, height), Image.Resampling.BICUBIC)
-        drawing.paste(grey.point(lambda value: value * DIM).convert("RGB"))
-    rows, cols, kernels = Trails.of(bank)
-    zoom = min(fitting(rows, cols, kernels.shape[2:], shape) * scale, 12.0)
-    places = [((row + 0.5) * scale, (col + 0.5) * scale) for row in rows for col in cols]
-    for kernel, place in zip(kernels.reshape(-1, *kernels.shape[2:]), places, strict=True):
-        _lay(drawing, kernel, zoom, place)
-    pen = ImageDraw.Draw(drawing)
-    for y, x in places:
-        pen.line((x - 2, y, x + 2, y), fill=MARKS[1])
-        pen.line((x, y - 2, x, y + 2), fill=MARKS[1])
-    # Not bands x strips: with a horizontal readout the bands are columns.
-    (down, across), (tall, wide) = bank.kernels.shape[:2], bank.size
-    grid = f"{down} row{'s' * (down > 1)} x {across} column{'s' * (across > 1)} of kernels"
-    text = f"{grid} of {wide} x {tall} px, drawn {zoom / scale:.2g} times as large as in the picture"
-    return drawing, text if (len(rows), len(cols)) == (down, across) else f"{text}; {len(rows)} x {len(cols)} shown"
-
-
 def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: Display | None = None) -> FloatImage:
     """Draw the kernels of `bank` at their places in the picture, with a caption.
 
@@ -240,7 +216,27 @@ def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: Display | None = 
     """
     if picture is not None and picture.shape[:2] != tuple(shape[:2]):
         raise InputError(f"picture must have shape {shape[:2]} like the one deblurred, got {picture.shape[:2]}")
-    drawing, text = draw_kernels(bank, shape, picture)
+    scale = LONG_SIDE / max(shape[:2])
+    width, height = (max(round(side * scale), 1) for side in (shape[1], shape[0]))
+    drawing = Image.new("RGB", (width, height), GROUND)
+    if picture is not None:
+        grey = rgb8("picture", picture).convert("L").resize((width, height), Image.Resampling.BICUBIC)
+        drawing.paste(grey.point(lambda value: value * DIM).convert("RGB"))
+    rows, cols, kernels = Trails.of(bank)
+    zoom = min(fitting(rows, cols, kernels.shape[2:], shape) * scale, 12.0)
+    places = [((row + 0.5) * scale, (col + 0.5) * scale) for row in rows for col in cols]
+    for kernel, place in zip(kernels.reshape(-1, *kernels.shape[2:]), places, strict=True):
+        _lay(drawing, kernel, zoom, place)
+    pen = ImageDraw.Draw(drawing)
+    for y, x in places:
+        pen.line((x - 2, y, x + 2, y), fill=MARKS[1])
+        pen.line((x, y - 2, x, y + 2), fill=MARKS[1])
+    # Not bands x strips: with a horizontal readout the bands are columns.
+    (down, across), (tall, wide) = bank.kernels.shape[:2], bank.size
+    grid = f"{down} row{'s' * (down > 1)} x {across} column{'s' * (across > 1)} of kernels"
+    text = f"{grid} of {wide} x {tall} px, drawn {zoom / scale:.2g} times as large as in the picture"
+    if (len(rows), len(cols)) != (down, across):
+        text += f"; {len(rows)} x {len(cols)} shown"
     sheet = Image.new("RGB", (drawing.width, drawing.height + TITLE), GROUND)
     sheet.paste(drawing)
     _caption(sheet, (GUTTER, drawing.height + GUTTER // 2), text)

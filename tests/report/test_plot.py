@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rsdeblur as rs
-from rsdeblur import Camera, Exposure, InputError, PsfBank, plot
+from rsdeblur import Camera, Exposure, InputError, plot
 from tests.installed import needs
 
 pyplot = needs("plot")
@@ -27,28 +27,12 @@ def without_screen():
     pyplot.switch_backend(before)
 
 
-@pytest.mark.parametrize("name", ["kernels", "paths", "log", "comparison"])
+@pytest.mark.parametrize("name", ["paths", "log", "comparison"])
 def test_examples_print_what_they_say(name):
     (test,) = doctest.DocTestFinder().find(getattr(plot, name), name, globs={})
     report = []
     doctest.DocTestRunner().run(test, out=report.append)
     assert not report, "".join(report)
-
-
-def test_kernels_are_drawn_at_their_places():
-    bank = PsfBank.for_picture(np.full((2, 3, 1, 5), 0.2), PICTURE.shape)
-    ax = plot.kernels(bank, PICTURE)
-    (drawn,) = ax.images
-    left, right, bottom, top = drawn.get_extent()
-    assert (left, right, bottom, top) == (-0.5, 63.5, 47.5, -0.5)
-    glow = np.asarray(drawn.get_array())[..., 0]
-    assert np.median(glow) < 255 / 2  # the picture is dimmed
-    tall, wide = np.shape(glow)
-    for y, x in bank.centres.reshape(-1, 2):
-        # Beside the cross that marks the place.
-        assert glow[round((y + 0.5) * tall / 48), round((x + 0.5) * wide / 64) + 9] > 200
-    assert ax.get_ylim() == (47.5, -0.5)  # rows run downwards
-    ax.figure.canvas.draw()
 
 
 def test_paths_start_at_their_pixel_plus_the_first_displacement():
