@@ -72,13 +72,7 @@ class PlugAndPlayPrior:
             object.__setattr__(self, "peak", validate.finite("peak", self.peak, maximum=validate.MOST_LIGHT))
 
     def with_peak_of(self, image: FloatImage) -> PlugAndPlayPrior:
-        """Return this prior with the `peak` of a picture, unless it has one.
-
-        Parameters
-        ----------
-        image : ndarray, shape (H, W, C), float32
-            Linear light.
-        """
+        """Return this prior with the `peak` of a picture, unless it has one."""
         return self if self.peak is not None else replace(self, peak=brightness(image))
 
     def restore(
@@ -88,22 +82,7 @@ class PlugAndPlayPrior:
         threads: int | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> FloatImage:
-        """Return the picture after the last denoising.
-
-        Parameters
-        ----------
-        solver : QuadraticSolver
-            Solver that holds its observation.
-        threads : int, optional
-            Threads that share the work of the prior; default all processors. Any number gives the same bits.
-        progress : callable, optional
-            Called with the finished fraction after each solve.
-
-        Returns
-        -------
-        ndarray, shape (H', W', C), float32
-            In the frame of `solver`.
-        """
+        """Return the picture after the last denoising; see :meth:`rsdeblur.deconv.priors.LatentPrior.restore`."""
         sigmas = self.sigmas
         # A quadratic prior on the gradient gives the start.
         latent = solver.solve(self.weight / sigmas[0] ** 2)

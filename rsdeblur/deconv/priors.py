@@ -234,13 +234,7 @@ class DerivativePrior:
             object.__setattr__(self, "peak", validate.finite("peak", self.peak, maximum=validate.MOST_LIGHT))
 
     def with_peak_of(self, image: FloatImage) -> DerivativePrior:
-        """Return this prior with the `peak` of a picture, unless it has one.
-
-        Parameters
-        ----------
-        image : ndarray, shape (H, W, C), float32
-            Linear light.
-        """
+        """Return this prior with the `peak` of a picture, unless it has one."""
         return self if self.peak is not None else replace(self, peak=brightness(image))
 
     def restore(
@@ -250,22 +244,7 @@ class DerivativePrior:
         threads: int | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> FloatImage:
-        """Return the picture that minimises the data term plus this penalty.
-
-        Parameters
-        ----------
-        solver : QuadraticSolver
-            Solver that holds its observation.
-        threads : int, optional
-            Threads that share the work of the prior; default all processors. Any number gives the same bits.
-        progress : callable, optional
-            Called with the finished fraction after each solve.
-
-        Returns
-        -------
-        ndarray, shape (H', W', C), float32
-            In the frame of `solver`.
-        """
+        """Return the picture that minimises the data term plus this penalty; see :meth:`LatentPrior.restore`."""
         if KINDS[self.kind].sparsity is None:
             latent = solver.solve(self.weight)
         else:

@@ -84,27 +84,9 @@ class TileNormal(TileFilter):
         *,
         out: FloatImage | None = None,
     ) -> FloatImage:
-        """Return the minimiser for the observations.
+        """Return the minimiser for the observations; see :meth:`rsdeblur.deconv.priors.QuadraticSolver.solve`.
 
-        Parameters
-        ----------
-        beta : float
-            Strength of the prior's quadratic term, at least 0.
-        pull : ndarray, shape (H, W, C), float32, optional
-            Right-hand side of the term; None is zero.
-        coupling : Coupling
-            See :meth:`rsdeblur.deconv.priors.QuadraticSolver.solve`.
-        out : ndarray, shape (H, W, C), float32, optional
-            Receives the result; may be `pull` itself.
-
-        Returns
-        -------
-        ndarray, shape (H, W, C), float32
-
-        Raises
-        ------
-        InputError
-            If `pull` is not finite, or no observation was set.
+        `InputError` is raised if `pull` is not finite, or no observation was set.
         """
         out = np.empty(self._channelled, dtype=np.float32) if out is None else out
         self._solve(beta, pull, coupling, out)

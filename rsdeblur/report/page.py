@@ -50,45 +50,21 @@ ORDER = ("failed", *reversed(VERDICTS), "not checked")
 
 
 class Page(NamedTuple):
-    """Content of a report: a photo and its results.
+    """Content of a report: a photo and its results."""
 
-    Parameters
-    ----------
-    report : dict
-        Facts as `rsdeblur compare` writes them.
-    picture, log, camera, exposure
-        The photo and its recording.
-    shown : dict of str to ndarray
-        Display values in [0, 1] by label, the blurred input first.
-    banks : mapping of str to PsfBank
-        PSFs by mode.
-    transfer : {"linear", "srgb"} or float
-        How the values of the photo encode light.
-    unseen : float
-        Fraction of the pixels that were never exposed.
-    recorded : PsfBank, optional
-        PSFs before a correction.
-    frames : sequence of mapping
-        Facts of the frames of a burst, each with its `weights` at the places of the input.
-    settings : mapping
-        Tables of names and values by title.
-    remarks : sequence of Finding
-        Findings beside those that the content gives.
-    """
-
-    report: dict[str, Any]
+    report: dict[str, Any]  # facts as `rsdeblur compare` writes them
     picture: Picture
     log: GyroLog
     camera: Camera
     exposure: Exposure
-    shown: dict[str, NDArray[Any]]
-    banks: Mapping[str, PsfBank]
-    transfer: Transfer
-    unseen: float = 0.0
-    recorded: PsfBank | None = None
-    frames: Sequence[Mapping[str, Any]] = ()
-    settings: Mapping[str, Mapping[str, str]] = {}
-    remarks: Sequence[Finding] = ()
+    shown: dict[str, NDArray[Any]]  # display values in [0, 1] by label, the blurred input first
+    banks: Mapping[str, PsfBank]  # PSFs by mode
+    transfer: Transfer  # of the photo
+    unseen: float = 0.0  # fraction of the pixels that were never exposed
+    recorded: PsfBank | None = None  # PSFs before a correction
+    frames: Sequence[Mapping[str, Any]] = ()  # facts of the frames of a burst, each with its `weights`
+    settings: Mapping[str, Mapping[str, str]] = {}  # tables of names and values by title
+    remarks: Sequence[Finding] = ()  # beside those that the content gives
 
     @property
     def findings(self) -> list[Finding]:
@@ -118,17 +94,7 @@ class Page(NamedTuple):
         return max(results, key=rank)
 
     def completed(self, recording: Mapping[str, Any], options: Options, texts: Sequence[str]) -> Page:
-        """Return the page with settings and remarks.
-
-        Parameters
-        ----------
-        recording : mapping
-            Names of the files and values that gave log, camera and exposure.
-        options : Options
-            Options of the results.
-        texts : sequence of str
-            Warnings. The page names files without their folders, which may be private.
-        """
+        """Return the page with the settings, and with warnings; it names files without their folders: may be private."""
         paths = [Path(self.report["photo"]), *(value for value in recording.values() if isinstance(value, Path))]
         remarks = []
         for text in texts:
@@ -167,20 +133,7 @@ class Page(NamedTuple):
 
 
 def write_page(path: str | os.PathLike[str], page: Page) -> None:
-    """Write a report as one file of HTML, which appears whole or not at all; an existing one is replaced.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    page : Page
-        Content of the report.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
+    """Write a report as one file of HTML, which appears whole or not at all; an existing one is replaced."""
     _write(path, render(page))
 
 
@@ -355,19 +308,7 @@ def _table(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -
 def write_batch_page(path: str | os.PathLike[str], entries: Sequence[Mapping[str, Any]], *, title: str) -> None:
     """Write a page with a thumbnail of every photo of a batch beside its result, the most doubtful first.
 
-    Parameters
-    ----------
-    path : path-like
-        The file. An existing one is replaced.
-    entries : sequence of mapping
-        The items as `rsdeblur batch` reports them in ``batch.json``.
-    title : str
-        Heading of the page.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    `entries` are the items as `rsdeblur batch` reports them in ``batch.json``.
     """
     counts = Counter(map(_verdict, entries))
     ordered = sorted(entries, key=lambda entry: ORDER.index(_verdict(entry)))

@@ -28,7 +28,7 @@ try:
 except ModuleNotFoundError:
     raise InputError(missing("videos need PyAV", "video")) from None
 
-__all__ = ["Clip", "exposures_from_captures", "exposures_from_timestamps", "frames", "open_clip", "values_of"]
+__all__ = ["Clip", "exposures_from_captures", "exposures_from_timestamps", "open_clip"]
 
 # FFmpeg's default rounding would darken pictures by a level.
 SCALING = av.video.reformatter.Interpolation.BICUBIC | av.video.reformatter.Interpolation.ACCURATE_RND
@@ -182,20 +182,7 @@ def _warn(text: str) -> None:
 
 
 def frames(clip: Clip, first: int, stop: int) -> Iterator[Any]:
-    """Decode the frames with the numbers `first` to `stop - 1`.
-
-    Parameters
-    ----------
-    clip : Clip
-        The video.
-    first, stop : int
-        Numbers of the first frame and of the one after the last, from 0.
-
-    Raises
-    ------
-    FileFormatError
-        If a frame cannot be decoded.
-    """
+    """Decode the frames with the numbers `first` to `stop - 1`; raise `FileFormatError` if one cannot be decoded."""
     remaining, start = set(clip.timestamps[first:stop]), clip.timestamps[first]
     # From a second earlier, because frames shown before a key frame may refer to frames before it. Seeking in MPEG-TS
     # may end behind the place; then from the beginning.
@@ -219,18 +206,7 @@ def frames(clip: Clip, first: int, stop: int) -> Iterator[Any]:
 
 
 def values_of(frame: Any) -> NDArray[np.uint16]:
-    """Return a frame as RGB, shape (H, W, 3), decoded as its tags say.
-
-    Parameters
-    ----------
-    frame : av.VideoFrame
-        The frame as PyAV decodes it.
-
-    Raises
-    ------
-    InputError
-        If FFmpeg cannot convert its colours.
-    """
+    """Return a frame of PyAV as RGB, shape (H, W, 3), decoded as its tags say; FFmpeg may refuse its colours."""
     # Frames without a tag have the limited range.
     own = frame.color_range or LIMITED_RANGE
     try:

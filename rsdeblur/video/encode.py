@@ -23,7 +23,7 @@ from rsdeblur.types import Progress
 from rsdeblur.video.clip import FULL_RANGE, LIMITED_RANGE, RGB, SCALING, Clip, av, frames, reading, values_of
 from rsdeblur.video.plan import ClipPlan
 
-__all__ = ["Encoding", "VideoResult", "check_output", "deblur_video", "estimated_seconds"]
+__all__ = ["Encoding", "VideoResult", "deblur_video"]
 
 CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
 # Encoder for each decoder name.
@@ -122,24 +122,7 @@ class VideoResult:
 
 
 def check_output(clip: Clip, encoding: Encoding, output: Path, *, force: bool) -> None:
-    """Check, before the work, that a video can be encoded and written, and that the container takes all its streams.
-
-    Parameters
-    ----------
-    clip : Clip
-        The clip whose frames and streams are written.
-    encoding : Encoding
-        Codec and pixel format.
-    output : Path
-        Path of the video.
-    force : bool
-        Whether an existing file may be replaced.
-
-    Raises
-    ------
-    OutputError
-        If not.
-    """
+    """Raise `OutputError` before the work if the video cannot be encoded or written with all streams of its clip."""
     check_target(output, force=force)
     kind = container_of(output)
     with reading(clip.path) as source:
@@ -243,17 +226,7 @@ def deblur_video(
 
 
 def estimated_seconds(plan: ClipPlan, encoding: Encoding, *, jobs: int = 1) -> float:
-    """Estimate how long :func:`deblur_video` takes, in s, from a trial with a few frames that writes no file.
-
-    Parameters
-    ----------
-    plan : ClipPlan
-        Plan of the clip.
-    encoding : Encoding
-        Codec and pixel format.
-    jobs : int, default 1
-        Frames that are deblurred at a time.
-    """
+    """Estimate how long :func:`deblur_video` takes, s, from a trial with a few frames that writes no file."""
     clip, seconds = plan.clip, []
     first = min(plan.lengths.index(plan.largest), max(0, len(clip) - TRIAL))
     some = list(frames(clip, first, min(first + TRIAL, len(clip))))

@@ -9,8 +9,8 @@ from rsdeblur.io.pictures import Picture
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.psf import PsfBank
-from rsdeblur.report import Page
 from rsdeblur.report.facts import Finding
+from rsdeblur.report.page import Page
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from rsdeblur.report import write_page
+from rsdeblur.report.page import write_page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page as Tab

@@ -14,9 +14,9 @@ from rsdeblur.errors import OutputError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.report import drawings, write_page
+from rsdeblur.report import drawings
 from rsdeblur.report.facts import findings, motion_data
-from rsdeblur.report.page import render
+from rsdeblur.report.page import render, write_page
 
 # Every way out of an element, an attribute, a comment, JSON and a template.
 HOSTILE = (
