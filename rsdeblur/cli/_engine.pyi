@@ -87,13 +87,13 @@ from rsdeblur.pipeline.plan import Plan as Plan
 from rsdeblur.pipeline.plan import plan as plan
 from rsdeblur.pipeline.plan import plan_for as plan_for
 from rsdeblur.psf import PsfBank as PsfBank
-from rsdeblur.report import Page as Page
 from rsdeblur.report import psf_map as psf_map
 from rsdeblur.report import side_by_side as side_by_side
-from rsdeblur.report import write_batch_page as write_batch_page
-from rsdeblur.report import write_page as write_page
 from rsdeblur.report.drawings import bank_data as bank_data
 from rsdeblur.report.drawings import picture_uris as picture_uris
+from rsdeblur.report.facts import calibration_facts as calibration_facts
+from rsdeblur.report.facts import clip_facts as clip_facts
+from rsdeblur.report.facts import offset_facts as offset_facts
 from rsdeblur.report.facts import plain as plain
 from rsdeblur.report.facts import readout_data as readout_data
 from rsdeblur.report.facts import refinement_facts as refinement_facts
@@ -104,7 +104,10 @@ from rsdeblur.report.facts import summary as summary
 from rsdeblur.report.files import accelerometer as accelerometer
 from rsdeblur.report.files import camera_facts as camera_facts
 from rsdeblur.report.files import describe as describe
+from rsdeblur.report.page import Page as Page
 from rsdeblur.report.page import mode_table as mode_table
+from rsdeblur.report.page import write_batch_page as write_batch_page
+from rsdeblur.report.page import write_page as write_page
 from rsdeblur.simulation.clip import simulate_clip as simulate_clip
 from rsdeblur.simulation.scene import scene as scene
 from rsdeblur.simulation.shake import hand_shake as hand_shake

@@ -194,6 +194,7 @@ ONE_PHOTO = tuple(each.name for each in fields(Recording) if each.name != "numbe
 # Options of commands for several photos or frames, which have moments of their own.
 MANY = tuple(name for name in ONE_PHOTO if name != "drift")
 SERIES = (*MANY, "numbered_from")
+FOLDER = tuple(name for name in SERIES if name != "index")
 CLIP = tuple(name for name in MANY if name != "index")
 SOLVE = tuple(each.name for each in fields(Options) if each.metadata.get("help"))
 # Of commands that show many results of one photo.

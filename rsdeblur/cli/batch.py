@@ -20,7 +20,7 @@ from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._items import COLUMNS, Item, read_items
-from rsdeblur.cli._options import FILES, SERIES, Command, Recording, Target, shared_threads
+from rsdeblur.cli._options import FILES, FOLDER, Command, Recording, Target, shared_threads
 from rsdeblur.cli._output import (
     arranged,
     capture_warnings,
@@ -68,7 +68,7 @@ Examples:
 
 @click.command("batch", cls=Command, help=HELP, epilog=EXAMPLES)
 @click.argument("sources", type=PATH, metavar="MANIFEST|FOLDER|PHOTO...", nargs=-1, required=True)
-@_options.recording_options(*SERIES, required=())
+@_options.recording_options(*(name for name in FOLDER if name != "start_ns"), required=())
 @_options.solve_options(*(name for name in _options.SOLVE if name != "refine"))
 @_options.refine_option
 @_options.jobs_option("processes", "half the number of cores")

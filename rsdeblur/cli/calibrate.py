@@ -99,7 +99,8 @@ def command(
     if result.values and not target.as_json:
         _print(result)
     lines = [f"{target.output}: written"] if result.accepted else []
-    target.show("calibrate", _facts(result, target.output), *lines)
+    written = str(target.output) if result.accepted else None
+    target.show("calibrate", rs.calibration_facts(result) | {"written": written}, *lines)
     if not result.accepted:
         raise InputError(f"{name}: no camera file is written: {result.reason}")
 
@@ -174,23 +175,6 @@ def _start(path: Path | None, source: Path, size: tuple[int, int]) -> rs.Camera:
         return rs.open_camera(source, "exif", size=size).camera
     except RsdeblurError:
         return rs.Camera(*size, GUESSED_FOCAL * max(size))
-
-
-def _facts(result: rs.Calibration, output: Path) -> dict[str, Any]:
-    names = ("photos",) if result.photos else ("explained", "pairs", "matches")
-    return {
-        "accepted": result.accepted,
-        "reason": result.reason,
-        "written": str(output) if result.accepted else None,
-        "mounting": result.mounting,
-        "readout_direction": result.camera.readout_direction,
-        "confidence": result.confidence,
-        **{name: getattr(result, name) for name in names},
-        "values": {
-            name: {"value": each.value, "sd": each.sd, "unit": each.unit, "determined": each.determined}
-            for name, each in result.values.items()
-        },
-    }
 
 
 def _print(result: rs.Calibration) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -84,18 +82,5 @@ def command(
     if found.time_offset is not None:
         place = f"; written to {recording.camera}" if is_written else ""
         lines = [f"time offset {1e3 * found.time_offset:.1f} ms (+- {1e3 * found.sd:.1f}){place}"]
-    target.show("sync", _facts(found) | {"written": str(recording.camera) if is_written else None}, *lines)
+    target.show("sync", rs.offset_facts(found) | {"written": str(recording.camera) if is_written else None}, *lines)
     checked_offset(found, photos)
-
-
-def _facts(found: rs.OffsetSearch) -> dict[str, Any]:
-    """Return the facts about an offset."""
-    return {
-        "time_offset_s": found.time_offset,
-        "best_s": found.best,
-        "sd_s": found.sd,
-        "lead": found.lead if math.isfinite(found.lead) else None,
-        "reason": found.reason,
-        "offsets_s": found.offsets.tolist(),
-        "scores": [score if math.isfinite(score) else None for score in found.scores.tolist()],
-    }

@@ -15,7 +15,7 @@ from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
 from rsdeblur.cli._items import read_items
-from rsdeblur.cli._options import FOR_PHOTOS, SERIES, Command, Recording, Target, option, refuse_given, require
+from rsdeblur.cli._options import FOLDER, FOR_PHOTOS, Command, Recording, Target, option, refuse_given, require
 from rsdeblur.cli._output import FAILURES, progress, reason
 from rsdeblur.cli._types import NOT_NEGATIVE, PATH
 from rsdeblur.errors import InputError
@@ -41,7 +41,7 @@ class _Shot(NamedTuple):
 
 @click.command("triage", cls=Command, epilog=EXAMPLES)
 @click.argument("source", type=PATH, metavar="FOLDER|CLIP")
-@_options.recording_options(*SERIES, required=())
+@_options.recording_options(*FOLDER, required=())
 @option(
     "--keep",
     type=NOT_NEGATIVE,
@@ -73,7 +73,7 @@ def command(source: Path, recording: Recording, keep: float, drop: float, target
     is_clip = source.is_file() and source.suffix.lower() not in MANIFESTS
     if is_clip:
         moment = recording.start if recording.start == "exif" else None
-        refuse_given(FOR_PHOTOS, index=recording.index, numbered_from=recording.numbered_from, start=moment)
+        refuse_given(FOR_PHOTOS, numbered_from=recording.numbered_from, start=moment)
         shots = _frames(source, recording)
     else:
         shots = _photos(source, recording)

@@ -88,7 +88,7 @@ def command(
         jobs, threads = _options.shared_threads(jobs, options.threads, tasks=len(clip))
         plan = rs.plan_clip(clip, log, camera, exposures, options, above=above, progress=move)
         plan = replace(plan, options=replace(plan.options, threads=threads))
-        facts = _facts(plan, encoding, output)
+        facts = rs.clip_facts(plan) | {"output": str(output), "codec": encoding.codec, "pixels": encoding.pixels}
         reasons = [f"frame {i}: {reason}" for i, reason in enumerate(plan.reasons) if reason is not None]
         if reasons:
             warn(f"{source}: {len(reasons)} of {len(clip)} frames are kept as they are; {reasons[0]}")
@@ -98,31 +98,6 @@ def command(
             result = rs.deblur_video(plan, output, encoding=encoding, jobs=jobs, force=target.force, progress=move)
             facts |= asdict(result) | {"seconds": time.perf_counter() - begin}
     target.show("video", facts | {"dry_run": target.dry_run}, *_lines(source, output, facts))
-
-
-def _facts(plan: rs.ClipPlan, encoding: rs.Encoding, output: Path) -> dict[str, Any]:
-    clip, (tall, wide) = plan.clip, plan.psf_size
-    return {
-        "output": str(output),
-        "frames": len(clip),
-        "treated": plan.treated,
-        "kept": len(clip) - plan.treated,
-        "largest_blur_px": plan.largest,
-        "check": None if plan.check is None else asdict(plan.check),
-        "refinement": rs.refinement_facts(plan.refinement),
-        "span_s": clip.times[-1],
-        "size_px": [clip.width, clip.height],
-        "mode": plan.options.mode_in_effect,
-        "bands": plan.tiles[0],
-        "strips": plan.tiles[1],
-        "psf_px": [wide, tall],
-        "prior": plan.options.prior_name,
-        "nsr": plan.strengths.nsr,
-        "weight": plan.strengths.weight,
-        "chroma": plan.chroma,
-        "codec": encoding.codec,
-        "pixels": encoding.pixels,
-    }
 
 
 def _lines(source: Path, output: Path, facts: dict[str, Any]) -> list[str]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,12 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.types import FloatArray, FloatImage
+
+if TYPE_CHECKING:
+    # Not loaded for every command; that of videos needs PyAV.
+    from rsdeblur.calibration import Calibration
+    from rsdeblur.estimate.time_offset import OffsetSearch
+    from rsdeblur.video.plan import ClipPlan
 
 Level = Literal["warning", "note", "good"]
 LEVELS: tuple[Level, ...] = ("warning", "note", "good")
@@ -52,6 +58,55 @@ def refinement_facts(refinement: Refinement | None) -> dict[str, Any] | None:
         "values": asdict(refinement.values),
         "sd": asdict(refinement.sd),
         "regions": None if refinement.regions is None else refinement.regions.tolist(),
+    }
+
+
+def offset_facts(search: OffsetSearch) -> dict[str, Any]:
+    """Return the facts about a search for the time offset; JSON has no infinity."""
+    return {
+        "time_offset_s": search.time_offset,
+        "best_s": search.best,
+        "sd_s": search.sd,
+        "lead": search.lead if math.isfinite(search.lead) else None,
+        "reason": search.reason,
+        "offsets_s": search.offsets.tolist(),
+        "scores": [score if math.isfinite(score) else None for score in search.scores.tolist()],
+    }
+
+
+def calibration_facts(result: Calibration) -> dict[str, Any]:
+    """Return the facts about a calibration."""
+    names = ("photos",) if result.photos else ("explained", "pairs", "matches")
+    return {
+        "readout_direction": result.camera.readout_direction,
+        **{name: getattr(result, name) for name in ("accepted", "reason", "mounting", "confidence", *names)},
+        "values": {
+            name: {"value": each.value, "sd": each.sd, "unit": each.unit, "determined": each.determined}
+            for name, each in result.values.items()
+        },
+    }
+
+
+def clip_facts(plan: ClipPlan) -> dict[str, Any]:
+    """Return the facts about a planned video."""
+    clip, (tall, wide) = plan.clip, plan.psf_size
+    return {
+        "frames": len(clip),
+        "treated": plan.treated,
+        "kept": len(clip) - plan.treated,
+        "largest_blur_px": plan.largest,
+        "check": None if plan.check is None else asdict(plan.check),
+        "refinement": refinement_facts(plan.refinement),
+        "span_s": clip.times[-1],
+        "size_px": [clip.width, clip.height],
+        "mode": plan.options.mode_in_effect,
+        "bands": plan.tiles[0],
+        "strips": plan.tiles[1],
+        "psf_px": [wide, tall],
+        "prior": plan.options.prior_name,
+        "nsr": plan.strengths.nsr,
+        "weight": plan.strengths.weight,
+        "chroma": plan.chroma,
     }
 
 

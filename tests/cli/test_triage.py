@@ -60,8 +60,8 @@ def test_a_blur_that_is_unknown_everywhere_is_an_error(run: Run, files: Files, t
     assert json.loads(result.stdout)["counts"]["unknown"] == 2
 
 
-OF_PHOTOS = ("--index", 2), ("--numbered-from", 1), ("--start", "exif")
-MOMENTS = ("--index", 2), ("--start", 2), ("--start-ns", 2)
+OF_PHOTOS = ("--numbered-from", 1), ("--start", "exif")
+MOMENTS = ("--start", 2), ("--start-ns", 2)
 
 
 @pytest.mark.parametrize(("source", "options"), [("clip.mp4", OF_PHOTOS), (".", MOMENTS)])
