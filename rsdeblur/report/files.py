@@ -37,11 +37,11 @@ def describe(path: Path, reading: Mapping[str, Any]) -> dict[str, Any]:
     source, columns = Source(path, WHAT), reading["columns"]
     # By its extension too, so that the error of a damaged picture is about a picture.
     if is_picture(source) or path.suffix.lower() in KINDS:
-        return _picture(path)
+        return picture_facts(path)
     if columns and not reading["format"] and next(iter(choices_of(columns))) == "capture file":
-        return _captures(path, columns)
+        return capture_facts(path, columns)
     if columns or reading["format"]:
-        return _gyro(path, reading)
+        return gyro_facts(path, reading)
     if is_clocks(source):
         return _clocks(path)
     if _is_camera(path):
@@ -50,12 +50,12 @@ def describe(path: Path, reading: Mapping[str, Any]) -> dict[str, Any]:
         detect_gyro_format(path)
     except FileFormatError as error:
         if any(each.fits(source) for each in FORMATS):
-            return _captures(path)
+            return capture_facts(path)
         # Logs are the commonest tables, and archives contain nothing else, so this error is the most likely to help.
         if is_archive(source):
             raise
         raise FileFormatError(f"{error}; it is not a camera file, a capture file or a picture either") from error
-    return _gyro(path, reading)
+    return gyro_facts(path, reading)
 
 
 def _is_camera(path: Path) -> bool:
@@ -69,7 +69,8 @@ def _is_camera(path: Path) -> bool:
     )
 
 
-def _gyro(path: Path, reading: Mapping[str, Any]) -> dict[str, Any]:
+def gyro_facts(path: Path, reading: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the properties of a gyro log."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RsdeblurWarning)
         file = open_gyro(path, **reading)
@@ -142,7 +143,8 @@ def camera_facts(file: CameraFile) -> dict[str, Any]:
     }
 
 
-def _captures(path: Path, columns: str | None = None) -> dict[str, Any]:
+def capture_facts(path: Path, columns: str | None = None) -> dict[str, Any]:
+    """Return the exposures in a capture file."""
     file = open_captures(path, columns)
     exposures = [
         {"start_ns": timestamp} | ({} if duration is None else {"duration_s": duration})
@@ -151,7 +153,7 @@ def _captures(path: Path, columns: str | None = None) -> dict[str, Any]:
     return {"kind": "captures", "format": file.format, "count": len(exposures), "exposures": exposures}
 
 
-def _picture(path: Path) -> dict[str, Any]:
+def picture_facts(path: Path) -> dict[str, Any]:
     """Return the properties of a picture, and of the gyro data in its file."""
     picture = read_picture(path)
     exif = Exif(picture.exif)
@@ -169,5 +171,5 @@ def _picture(path: Path) -> dict[str, Any]:
     }
     if trailer_of(Source(path, "picture")) is None:
         return facts
-    gyro = _gyro(path, {"format": "gyrodata"})
+    gyro = gyro_facts(path, {"format": "gyrodata"})
     return facts | {"gyro": {key: gyro[key] for key in ("samples", "rate_hz", "epoch_ns", "capture_ns")}}

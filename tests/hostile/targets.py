@@ -12,16 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur.cli.info import (
-    describe_camera,
-    describe_captures,
-    describe_gyro,
-    describe_picture,
-    describe_trajectory,
-)
-from rsdeblur.io import read_acceleration, read_picture, write_picture
+from rsdeblur.io import open_camera, read_acceleration, read_picture, read_trajectory, write_picture
 from rsdeblur.io.picture_output import picture_to_fill
 from rsdeblur.psf import PsfBank
+from rsdeblur.report.files import camera_facts, capture_facts, gyro_facts, picture_facts
 from tests._util import files
 from tests.hostile import packets
 from tests.hostile.mutate import mutated
@@ -73,11 +67,11 @@ def _seeds(target: Target) -> Sequence[bytes]:
 
 
 def _gyro(path: Path) -> None:
-    json.dumps(describe_gyro(path, AS_IS))
+    json.dumps(gyro_facts(path, AS_IS))
 
 
 def _unstamped(path: Path) -> None:
-    json.dumps(describe_gyro(path, AS_IS | {"rate": 200.0}))
+    json.dumps(gyro_facts(path, AS_IS | {"rate": 200.0}))
 
 
 def _acceleration(path: Path) -> None:
@@ -85,20 +79,20 @@ def _acceleration(path: Path) -> None:
 
 
 def _trajectory(path: Path) -> None:
-    json.dumps(describe_trajectory(path, AS_IS))
+    read_trajectory(path)
 
 
 def _camera(path: Path) -> None:
-    json.dumps(describe_camera(path))
+    json.dumps(camera_facts(open_camera(path)))
 
 
 def _captures(path: Path) -> None:
-    json.dumps(describe_captures(path, AS_IS))
+    json.dumps(capture_facts(path))
 
 
 def _picture(path: Path) -> None:
     picture = read_picture(path)
-    json.dumps(describe_picture(path))
+    json.dumps(picture_facts(path))
     # A picture that was read must be writable, with its EXIF block and profile.
     extension = WRITTEN[path.stat().st_size % len(WRITTEN)]
     if np.isfinite(picture.pixels).all():
