@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.choices import Border, Planning, Solver
+from rsdeblur.choices import Border, Planning
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.quadratic import TileNormal
 from rsdeblur.deconv.rowwise_solver import RowSolver
@@ -17,9 +18,6 @@ from rsdeblur.errors import InputError
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
-
-# Shares of frames sum to 1 up to rounding.
-SHARE_TOLERANCE = 1e-6
 
 
 class BurstQuadratic(TileNormal):
@@ -110,28 +108,10 @@ class RowBurst(RowSolver):
     """
 
     def __init__(
-        self,
-        frames: Sequence[BlurPaths],
-        shares: Sequence[float],
-        shape: tuple[int, ...],
-        *,
-        nsr: float = 0.01,
-        reach: int = 0,
-        solver: Solver = "auto",
-        border: Border = "blend",
-        planning: Planning = "estimate",
-        threads: int | None = None,
+        self, frames: Sequence[BlurPaths], shares: Sequence[float], shape: tuple[int, ...], **engine: Any
     ) -> None:
         check_places(frames, shares)
-        super().__init__(
-            *(frames, shares, shape),
-            nsr=nsr,
-            reach=reach,
-            solver=solver,
-            border=border,
-            planning=planning,
-            threads=threads,
-        )
+        super().__init__(frames, shares, shape, **engine)
 
     def apply(
         self,
@@ -172,5 +152,5 @@ def check_places(blurs: Sequence[PsfBank] | Sequence[BlurPaths], shares: Sequenc
     for blur in blurs:
         if not (np.array_equal(blur.rows, blurs[0].rows) and np.array_equal(blur.cols, blurs[0].cols)):
             raise InputError("the PSFs of all frames of a burst must have the same places")
-    if min(shares) <= 0 or abs(sum(shares) - 1) > SHARE_TOLERANCE:
+    if min(shares) <= 0 or abs(sum(shares) - 1) > 1e-6:  # rounding
         raise InputError(f"shares of frames must be positive and sum to 1, got {', '.join(map(str, shares))}")

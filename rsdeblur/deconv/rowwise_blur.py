@@ -22,11 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.memory import empty
 from rsdeblur._util.one_line import one_line
-from rsdeblur._util.threads import share_map, thread_count
-from rsdeblur.deconv.rowwise_spectra import RowSpectra
-from rsdeblur.deconv.tiling import Tile, hat_weights
+from rsdeblur._util.threads import ThreadTeam, share_map, thread_count
+from rsdeblur.choices import Planning
+from rsdeblur.deconv.fft import RowTransform
+from rsdeblur.deconv.tiling import Tile, fade, hat_weights
 from rsdeblur.errors import InputError
-from rsdeblur.kernels import rowwise
+from rsdeblur.kernels import lines, rowwise
 from rsdeblur.kernels.rowwise import BLOCK, RowModel
 from rsdeblur.kernels.spread import SINC_WIDTH, WIDTH, interpolated
 from rsdeblur.motion.paths import BlurPaths
@@ -35,8 +36,56 @@ from rsdeblur.types import Float32Array, FloatArray
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
 
+# Picture rows per block.
+ROWS = 16
 # Rows drawn at a time, which bounds the memory for their dense kernels.
 ROWS_TOGETHER = 256
+
+
+class RowSpectra:
+    """Row transforms of one length, px, with the buffers of each thread, in the layout of the rowwise kernels.
+
+    Every frequency is an independent problem along y. One thread works on a block of 16 frequencies, one per SIMD lane,
+    so arrays in this layout are called lanes. Any number of threads gives the same bits.
+    """
+
+    def __init__(self, channels: int, length: int, *, planning: Planning, threads: int) -> None:
+        self.channels, self.length, self.team = channels, length, ThreadTeam(threads)
+        self.blocks = -(-(length // 2 + 1) // rowwise.LANES)
+        self._rows = [RowTransform((channels, ROWS, length), planning) for _ in range(threads)]
+
+    def empty(self, rows: int) -> Float32Array:
+        """Return zeroed lanes for `rows` rows; frequencies that only fill up the last block stay zero."""
+        lanes: Float32Array = empty((self.blocks, self.channels, rows, 2, rowwise.LANES), np.float32)
+        lanes[...] = 0
+        return lanes
+
+    def load(
+        self, picture: Float32Array, lanes: Float32Array, *, start: int = 0, taper: int = 0, periodic: bool = True
+    ) -> None:
+        """Transform the rows of `picture` (H, W, C), read from column `start` on, into `lanes`."""
+        ramp = fade(taper)
+        height = lanes.shape[2]
+
+        def block(thread: int, top: int) -> None:
+            rows, buffers = min(ROWS, height - top), self._rows[thread]
+            lines.picture_to_lines(picture, top, rows, start, ramp, periodic, buffers.real)
+            buffers.forward()
+            rowwise.spectra_to_lanes(buffers.spectra, rows, lanes, top)
+
+        self.team.share(block, range(0, height, ROWS))
+
+    def unload(self, lanes: Float32Array, first: int, out: Float32Array, tile: Tile, *, add: bool = False) -> None:
+        """Transform `lanes` back from row `first` on; write to `out` (H, W, C), or add, where `tile` contributes."""
+        weights = tile.weights * np.float32(1 / self.length)
+
+        def block(thread: int, top: int) -> None:
+            rows, buffers = min(ROWS, len(out) - top), self._rows[thread]
+            rowwise.lanes_to_spectra(lanes, first + top, buffers.spectra, rows)
+            buffers.inverse()
+            lines.lines_to_picture(buffers.real, rows, tile.first - tile.start, weights, tile.first, add, out, top)
+
+        self.team.share(block, range(0, len(out), ROWS))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,9 +22,8 @@ from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, SOLVERS, Border, Planning, Solver
 from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, LatentPrior
-from rsdeblur.deconv.rowwise_blur import latent_rows, strip_blurs
+from rsdeblur.deconv.rowwise_blur import ROWS, RowSpectra, latent_rows, strip_blurs
 from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
-from rsdeblur.deconv.rowwise_spectra import ROWS, RowSpectra
 from rsdeblur.deconv.tiling import Tile, Tiling
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
@@ -66,12 +65,12 @@ class RowSolver:
         shares: Sequence[float],
         shape: tuple[int, ...],
         *,
-        nsr: float,
-        reach: int,
-        solver: Solver,
-        border: Border,
-        planning: Planning,
-        threads: int | None,
+        nsr: float = 0.01,
+        reach: int = 0,
+        solver: Solver = "auto",
+        border: Border = "blend",
+        planning: Planning = "estimate",
+        threads: int | None = None,
     ) -> None:
         self.shape = validate.shape(shape)
         self.nsr = max(validate.strength("nsr", nsr), LEAST_NSR)
