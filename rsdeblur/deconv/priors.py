@@ -244,7 +244,7 @@ class DerivativePrior:
         threads: int | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> FloatImage:
-        """Return the picture that minimises the data term plus this penalty; see :meth:`LatentPrior.restore`."""
+        """Return the minimiser of data term and penalty; see :meth:`rsdeblur.deconv.priors.LatentPrior.restore`."""
         if KINDS[self.kind].sparsity is None:
             latent = solver.solve(self.weight)
         else:
