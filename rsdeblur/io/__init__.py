@@ -10,26 +10,22 @@ other programs found, `arrays` PSFs and maps of depths; `picture_output` writes 
 from rsdeblur.io import cameras, captures, gyro_logs, trajectories
 from rsdeblur.io.arrays import read_depths
 from rsdeblur.io.cameras import open_camera, read_camera
-from rsdeblur.io.captures import Clocks, read_captures, read_clocks
+from rsdeblur.io.captures import read_captures
 from rsdeblur.io.gyro_binary import is_video
 from rsdeblur.io.gyro_logs import detect_gyro_format, open_gyro, read_acceleration, read_gyro
-from rsdeblur.io.picture_output import check_writable, write_picture
+from rsdeblur.io.picture_output import write_picture
 from rsdeblur.io.pictures import Picture, is_picture, read_picture
 from rsdeblur.io.samples import GYRO
 from rsdeblur.io.source import KINDS, Format, Kind, is_archive
 from rsdeblur.io.trajectories import read_trajectory
 
 __all__ = [
-    "Clocks",
     "Picture",
-    "check_writable",
-    "detect_gyro_format",
     "open_camera",
     "open_gyro",
     "read_acceleration",
     "read_camera",
     "read_captures",
-    "read_clocks",
     "read_depths",
     "read_gyro",
     "read_picture",

@@ -223,18 +223,10 @@ CLOCK_SOURCE = re.compile(r"SENSOR_INFO_TIMESTAMP_SOURCE is (?:SENSOR_INFO_TIMES
 
 @dataclass(frozen=True, slots=True)
 class Clocks:
-    """Clocks of a session, from its `edge_epochs.txt`.
+    """Clocks of a session, from its `edge_epochs.txt`."""
 
-    Parameters
-    ----------
-    source : str
-        Android's name for the clock of the camera's timestamps: REALTIME is the gyro's clock, or UNKNOWN.
-    differences : tuple of int
-        The gyro's clock minus `nanoTime()`, in ns, at the session's start and end.
-    """
-
-    source: str
-    differences: tuple[int, ...]
+    source: str  # Android's name for the clock of the camera's timestamps: REALTIME is the gyro's clock, or UNKNOWN
+    differences: tuple[int, ...]  # the gyro's clock minus `nanoTime()`, ns, at the session's start and end
 
     @property
     def time_offset(self) -> float:
@@ -252,16 +244,7 @@ def is_clocks(source: Source) -> bool:
 def read_clocks(path: str | os.PathLike[str]) -> Clocks:
     """Read the `edge_epochs.txt` of a MARS logger session.
 
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Raises
-    ------
-    FileFormatError
-        If the file cannot be read or is not an `edge_epochs.txt`; or, naming the line, if its numbers contradict each
-        other or the clocks drift apart.
+    A `FileFormatError` names the line whose numbers contradict each other, or from which on the clocks drift apart.
     """
     source = Source(path, "file of clocks")
     text = source.text

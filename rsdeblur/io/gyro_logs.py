@@ -172,18 +172,7 @@ def read_acceleration(
 
 
 def detect_gyro_format(path: str | os.PathLike[str]) -> str:
-    """Return the name of the format as which `read_gyro` would read the file.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Raises
-    ------
-    FileFormatError
-        If the file cannot be read or is of no known format.
-    """
+    """Return the name of the format as which `read_gyro` would read the file."""
     return _choose(path, GYRO)[0].name
 
 

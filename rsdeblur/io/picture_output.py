@@ -145,21 +145,7 @@ def _set_time(file: BinaryIO, like: Picture | None) -> None:
 
 
 def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:
-    """Check that `write_picture` can write `path`, before the work that makes the picture.
-
-    Parameters
-    ----------
-    path : path-like
-        The file to be written.
-    force : bool
-        Whether an existing file may be replaced.
-
-    Raises
-    ------
-    OutputError
-        If the extension is unknown; if the folder is missing or not writable; or if `path` is a folder, a pipe or a
-        device, or it exists and `force` is not set.
-    """
+    """Check that `write_picture` can write `path`, before the work that makes the picture."""
     path = checked_path(path)
     validate.boolean("force", force)
     check_kind(path)

@@ -94,7 +94,7 @@ class Page(NamedTuple):
         return max(results, key=rank)
 
     def completed(self, recording: Mapping[str, Any], options: Options, texts: Sequence[str]) -> Page:
-        """Return the page with the settings, and with warnings; it names files without their folders: may be private."""
+        """Return the page with settings and warnings; it names files without their folders, which may be private."""
         paths = [Path(self.report["photo"]), *(value for value in recording.values() if isinstance(value, Path))]
         remarks = []
         for text in texts:

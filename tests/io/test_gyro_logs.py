@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
-from rsdeblur.io import detect_gyro_format, open_gyro, read_gyro
-from rsdeblur.io.gyro_logs import formats
+from rsdeblur.io import open_gyro, read_gyro
+from rsdeblur.io.gyro_logs import detect_gyro_format, formats
 from rsdeblur.io.samples import GYRO
 from rsdeblur.motion.axes import imu_to_camera
 from tests._util.files import EPOCH, LAYOUTS, PHYPHOX, RATES, TIMESTAMPS, UNSTAMPED, rows

@@ -17,8 +17,8 @@ from PIL import Image, ImageCms
 from PIL.JpegImagePlugin import JpegImageFile
 
 from rsdeblur.errors import InputError, OutputError
-from rsdeblur.io import Picture, check_writable, pictures, read_picture, write_picture
-from rsdeblur.io.picture_output import picture_to_fill
+from rsdeblur.io import Picture, pictures, read_picture, write_picture
+from rsdeblur.io.picture_output import check_writable, picture_to_fill
 from tests._util.files import tiff
 
 RGB_PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()

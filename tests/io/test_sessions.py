@@ -12,7 +12,8 @@ from PIL.ExifTags import IFD, Base
 
 from rsdeblur import read_trajectory
 from rsdeblur.errors import ClockError, FileFormatError, InputError
-from rsdeblur.io import read_captures, read_clocks
+from rsdeblur.io import read_captures
+from rsdeblur.io.captures import read_clocks
 from rsdeblur.io.exif import Exif, capture_time, shown_time
 from rsdeblur.io.sessions import camera_in, files_in
 from rsdeblur.motion.exposure import Exposure

@@ -23,16 +23,9 @@ from PIL import Image
 
 import rsdeblur
 from rsdeblur import Camera, FileFormatError
-from rsdeblur.io import (
-    open_camera,
-    read_acceleration,
-    read_clocks,
-    read_depths,
-    read_gyro,
-    read_picture,
-    read_trajectory,
-)
+from rsdeblur.io import open_camera, read_acceleration, read_depths, read_gyro, read_picture, read_trajectory
 from rsdeblur.io.arrays import read_psfs
+from rsdeblur.io.captures import read_clocks
 from tests._util import files
 from tests._util.files import ANDROID, FORCES, IOS, LAYOUTS, MARS, STEP, npy, rows, tiff
 from tests.installed import needs
