@@ -6,9 +6,6 @@ wrong, what was found and what to do.
 
 from __future__ import annotations
 
-# Characters. The longest text of the package, which lists all formats, has 1000; a path may have 4096.
-LONGEST_MESSAGE = 8000
-
 
 class RsdeblurError(Exception):
     """Base of all errors raised by rsdeblur."""
@@ -40,8 +37,8 @@ class FileFormatError(RsdeblurError, ValueError):
     """
 
     def __init__(self, message: str) -> None:
-        # A message may quote a damaged file, at any length.
-        super().__init__(message if len(message) <= LONGEST_MESSAGE else message[:LONGEST_MESSAGE] + "...")
+        # A message may quote a damaged file, at any length; those of the package have 1000 characters, a path 4096.
+        super().__init__(message if len(message) <= 8000 else message[:8000] + "...")
 
 
 class OutputError(RsdeblurError, OSError):

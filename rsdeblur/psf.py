@@ -18,12 +18,6 @@ from rsdeblur.kernels.raster import rasterize
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.types import FloatArray
 
-# Largest deviation of a kernel's sum from 1. Users' kernels may be rounded to a few digits; beyond, they are no PSFs.
-SUM_TOLERANCE = 1e-3
-
-# Most rows and columns of kernels that a notebook shows, and the grey of the frames around them.
-MOST_SHOWN, FRAME = 12, 0.3
-
 
 @one_line()
 @dataclass(frozen=True, slots=True, eq=False)
@@ -302,10 +296,10 @@ class PsfBank:
 
 def kernel_sheet(bank: PsfBank) -> NDArray[np.float32]:
     """Return at most 12 x 12 kernels of a bank as one grey picture in [0, 1], framed, each with its peak white."""
-    rows, cols = (-(-n // MOST_SHOWN) for n in bank.kernels.shape[:2])
+    rows, cols = (-(-n // 12) for n in bank.kernels.shape[:2])  # at most 12 of each
     shown = np.pad(bank.kernels[rows // 2 :: rows, cols // 2 :: cols], ((0, 0), (0, 0), (1, 1), (1, 1)))
     shown = np.sqrt(np.clip(shown / shown.max(axis=(2, 3), keepdims=True), 0.0, 1.0))  # brightens faint parts
-    shown[:, :, [0, -1]] = shown[..., [0, -1]] = FRAME
+    shown[:, :, [0, -1]] = shown[..., [0, -1]] = 0.3  # grey frames
     sheet: NDArray[np.float32] = shown.transpose(0, 2, 1, 3).reshape(len(shown) * shown.shape[2], -1)
     return sheet
 
@@ -345,7 +339,8 @@ def _kernels(value: ArrayLike) -> NDArray[np.float32]:
         )
     sums = kernels.sum(axis=(2, 3), dtype=np.float64)
     worst = sums.flat[np.abs(sums - 1).argmax()]
-    if abs(worst - 1) > SUM_TOLERANCE:
+    # Users' kernels may be rounded to a few digits.
+    if abs(worst - 1) > 1e-3:
         raise InputError(f"each kernel must sum to 1, found a sum of {worst:g}; divide each kernel by its sum")
     kernels /= sums[..., None, None].astype(np.float32)
     kernels.setflags(write=False)

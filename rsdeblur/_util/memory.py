@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 
 # Alignment of arrays, bytes: a cache line, and the widest value of SIMD.
 ALIGNMENT = 64
-# Numbers of glibc's options: the size of free memory at the end of the heap that is given back, in bytes, and how many
-# blocks the system may be asked for separately, which go back when they are freed.
-M_TRIM_THRESHOLD, M_MMAP_MAX = -1, -4
 
 
 def keep() -> None:
@@ -24,8 +21,10 @@ def keep() -> None:
     """
     with suppress(OSError, AttributeError, TypeError):  # TypeError: Windows
         library = ctypes.CDLL(None)
-        library.mallopt(M_MMAP_MAX, 0)
-        library.mallopt(M_TRIM_THRESHOLD, 2**31 - 1)
+        # M_MMAP_MAX: no blocks are requested separately, which go back when they are freed.
+        library.mallopt(-4, 0)
+        # M_TRIM_THRESHOLD: bytes at the end of the heap that are kept.
+        library.mallopt(-1, 2**31 - 1)
 
 
 def empty(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:

@@ -19,8 +19,6 @@ Class = TypeVar("Class", bound=type)
 # Arrays of at most this many values are shown, longer ones by type and shape.
 FEW = 4
 LONGEST_TEXT = 60
-# px of a notebook; smaller pictures are enlarged by a whole number towards it.
-SHEET = 600
 
 
 def one_line(*names: str) -> Callable[[Class], Class]:
@@ -86,6 +84,7 @@ def html_with_picture(thing: object, picture: NDArray[np.floating]) -> str:
     Image.fromarray(values).save(buffer, "PNG")
     uri = f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"
     text = html.escape(repr(thing))
-    width = max(1, SHEET // max(picture.shape)) * picture.shape[1]
+    # Small pictures are enlarged by a whole number towards 600 px.
+    width = max(1, 600 // max(picture.shape)) * picture.shape[1]
     style = "max-width: 100%; image-rendering: pixelated"
     return f'<div><code>{text}</code><br><img alt="kernels" width="{width}" style="{style}" src="{uri}"></div>'

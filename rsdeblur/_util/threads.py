@@ -18,17 +18,12 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 Lock = TypeVar("Lock", bound=Any)
 
-# Parts per thread of a range that is cut into equal parts: some parts take longer than others.
-PARTS = 4
-# More than any machine has processors; each thread has its own buffers.
-MOST_THREADS = 1024
-
 
 def thread_count(threads: int | None) -> int:
     """Return `threads`, from 1 to 1024, or the number of processors that this process may use if it is None."""
     if threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return validate.count("threads", threads, maximum=MOST_THREADS)
+    return validate.count("threads", threads, maximum=1024)  # more than processors
 
 
 class ThreadTeam:
@@ -114,7 +109,8 @@ def share_range(work: Callable[[int, int], None], count: int, threads: int | Non
     Numba's own parallel loops cannot replace it: they end the process that runs one after a fork and, depending on
     Numba's threading layer, a process that runs two at once.
     """
-    size = max(1, -(-count // (PARTS * thread_count(threads))))
+    # Four parts for each thread: some take longer than others.
+    size = max(1, -(-count // (4 * thread_count(threads))))
     share(lambda _, first: work(first, min(first + size, count)), range(0, count, size), threads)
 
 

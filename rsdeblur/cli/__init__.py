@@ -33,8 +33,6 @@ GROUPS = {
     "Study": ("compare", "psf", "simulate", "triage"),
 }
 COMMANDS = tuple(chain.from_iterable(GROUPS.values()))
-# Exit codes of processes that a signal ended, as shells report them, are this and the signal's number.
-SIGNALLED = 128
 # Time until an interrupt that came while a kernel was compiled is delivered again, s.
 RETRY = 0.02
 
@@ -105,7 +103,7 @@ class Commands(click.Group):
                 if number is None:
                     _refuse(ctx, f"a library cannot be loaded ({error}); free memory, or install rsdeblur again")
                 say_aside("interrupted; no unfinished file is left")
-                ctx.exit(SIGNALLED + number)
+                ctx.exit(128 + number)  # as shells report it
 
 
 def _signal_of(error: BaseException | None) -> int | None:

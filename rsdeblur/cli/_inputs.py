@@ -27,10 +27,6 @@ from rsdeblur.errors import CoverageError, FileFormatError, InputError
 
 # Frames by which telemetry and video may differ.
 MOST_MISSING = 2
-# Lengths of the log after its end from which a moment is rather in another unit than just missed by the log.
-FAR = 10
-# s; a shorter exposure time leaves no blur.
-LEAST_DURATION = 1e-4
 
 
 class Inputs(NamedTuple):
@@ -313,8 +309,8 @@ def _refuse_longer(duration: float | None, whole: float, path: Path) -> None:
     if duration is None or duration <= whole:
         return
     meant = {f"{duration:.10g}ms": 1e-3 * duration, f"1/{duration:.10g}": 1 / duration}
-    # A shorter time was hardly meant in another unit: the file is too short.
-    options = [text for text, time in meant.items() if duration >= 1 and LEAST_DURATION <= time <= whole]
+    # A shorter time was hardly meant in another unit: the file is too short. Below 0.1 ms, there is no blur.
+    options = [text for text, time in meant.items() if duration >= 1 and 1e-4 <= time <= whole]
     hint = f"did you mean {' or '.join(options)}?" if options else "give a longer recording"
     raise InputError(f"--duration: {duration:g} s is longer than {path} ({whole:.3g} s); {hint}")
 
@@ -333,7 +329,8 @@ def _start_hint(recording: Recording) -> str:
         # Digits for microseconds of Unix time, and no more.
         moment = round(first + start, 6)
         meant = {f"--start {moment:.16g}, as the log begins at {round(first, 6):.16g} s": moment}
-        if start > last + FAR * (last - first):
+        # Further away, a moment is rather in another unit than just missed by the log.
+        if start > last + 10 * (last - first):
             meant[f"--start {start:.10g}ms"] = 1e-3 * start
     option = next((option for option, moment in meant.items() if first <= moment <= last), None)
     return "" if first <= start <= last or option is None else f"; did you mean {option}?"

@@ -15,16 +15,12 @@ from rsdeblur.cli._output import FileState, capture_warnings, file_state, warn
 
 # Angle (rad) from which gravity does not point to the bottom of a picture, and that from which it points to its top.
 ASIDE, TOP = math.radians(50), math.radians(130)
-# Cosine of the angle to a phone's z axis beyond which its camera cannot look.
-LEAST_ALONG_Z = 0.7
 # Formats whose accelerometers show the same sign on all devices. Raw values of iOS have the opposite one, which looks
 # like a picture upside down.
 ONE_SIGN = "mars", "deepgyro"
 # Where the bottom of the viewed picture is in the stored one, for each orientation in EXIF that does not mirror: angle
 # (rad) from its bottom towards its right.
 BOTTOMS = {1: 0.0, 3: math.pi, 6: math.pi / 2, 8: -math.pi / 2}
-# Number of frames of a clip, spread over it, whose mean direction counts: a camera in motion tilts and turns.
-CLIP_FRAMES = 16
 
 
 def read_log(recording: Recording) -> rs.GyroFile:
@@ -128,13 +124,14 @@ def gravity_of(
     """
     # Other axes than those of the file are the user's, and the accelerometer is read in those of the file.
     log = None if bottom is None or recording.orientation else accelerometer(recording.gyro, recording.columns)
-    exposures = exposures[:: -(-len(exposures) // CLIP_FRAMES)]
+    # Those of 16 frames of a clip, spread over it: a camera in motion tilts and turns.
+    exposures = exposures[:: -(-len(exposures) // 16)]
     if log is None or bottom is None:
         return Gravity()
     angle = _turn(log, camera, exposures, bottom)
     file, _ = known_log(recording)
-    # Cameras of phones look along their z axis.
-    along_edge = file.axes == "phone" and abs(camera.imu_to_camera[2, 2]) < LEAST_ALONG_Z
+    # Cameras of phones look along their z axis, within 45 degrees.
+    along_edge = file.axes == "phone" and abs(camera.imu_to_camera[2, 2]) < 0.7
     if along_edge:
         doubt = f"the camera would look along an edge of the phone that logged {recording.gyro}"
     elif angle is None or abs(angle) < ASIDE:

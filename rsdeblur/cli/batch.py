@@ -44,8 +44,6 @@ from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError, OutputError, RsdeblurError
 from rsdeblur.pipeline.options import Options
 
-SOME_FAILED = 3  # exit code
-
 HELP = f"""Deblur many photos.
 
 They are those of a MANIFEST, of a logger's FOLDER, or several PHOTOs. One that fails does not stop the others.
@@ -123,7 +121,7 @@ def run(
         if "error" in entry:
             say_aside(f"error: {linked(entry['error'])}")
     if any("error" in entry for entry in batch.entries):
-        click.get_current_context().exit(SOME_FAILED)
+        click.get_current_context().exit(3)
 
 
 def _earlier(path: Path) -> dict[str, Any] | None:

@@ -27,8 +27,6 @@ Examples:
   rsdeblur calibrate burst/*.jpg --gyro imu.txt --capture images.txt -o tablet.toml
 """
 
-# Focal length over the longer side where no file gives one: 27 mm equivalent, with a little cut off for a video.
-GUESSED_FOCAL = 0.8
 # Consecutive frames that are taken from each part of a longer clip.
 RUN = 16
 # Factors, units and decimals of the table.
@@ -174,7 +172,8 @@ def _start(path: Path | None, source: Path, size: tuple[int, int]) -> rs.Camera:
     try:
         return rs.open_camera(source, "exif", size=size).camera
     except RsdeblurError:
-        return rs.Camera(*size, GUESSED_FOCAL * max(size))
+        # 27 mm equivalent, with a little cut off for a video.
+        return rs.Camera(*size, 0.8 * max(size))
 
 
 def _print(result: rs.Calibration) -> None:

@@ -24,9 +24,6 @@ from rsdeblur.pipeline.options import Options
 
 FOCAL = 1.1  # picture widths: a phone's main camera sees about 50 degrees
 FOCAL35 = 26  # mm, of the photos of a camera app
-LATE = 0.41  # s, of the times in EXIF after the exposures: a camera app writes when it stores the photo
-# The scene extends beyond the frame by this fraction of its longer side, further than the blur reaches.
-MARGIN = 0.1
 LOG, CAPTURES, MOVIE = "gyro_accel.csv", "movie_metadata.csv", "movie.mp4"
 CAPTURE_LOG, UNIX_LOG, LOGGED = "gyro.csv", "Gyroscope.csv", (LOG, CAMERA, CAPTURES)
 # Least side of the picture, px.
@@ -170,7 +167,8 @@ def _write(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: 
     if kind == "video":
         import rsdeblur.video.clip  # noqa: F401  refuses a missing extra before the work
     log, camera, exposures = simulated(kind, size, seed)
-    margin = round(MARGIN * max(size))
+    # The scene extends beyond the frame, further than the blur reaches.
+    margin = round(0.1 * max(size))
     sharp = rs.scene(size[1] + 2 * margin, size[0] + 2 * margin, seed=seed)
     if kind == "capture":
         taken = rs.simulate(sharp, log, camera, exposures[0], noise=session.noise, seed=seed)
@@ -209,7 +207,8 @@ def _exif(exposure: rs.Exposure) -> bytes:
     from PIL import Image
     from PIL.ExifTags import IFD, Base
 
-    taken = datetime.fromtimestamp(exposure.epoch_ns * 1e-9 + LATE, UTC)
+    # Late, s: a camera app writes the time when it stores the photo.
+    taken = datetime.fromtimestamp(exposure.epoch_ns * 1e-9 + 0.41, UTC)
     block = Image.Exif()
     block[Base.Model] = "rsdeblur demo"
     block.get_ifd(IFD.Exif).update(

@@ -23,16 +23,9 @@ from rsdeblur.choices import Planning
 from rsdeblur.kernels import spectral
 from rsdeblur.types import ComplexArray, Float32Array
 
-# Bound on the time spent measuring one plan, s.
-PLANNING_TIME = 1.0
-
-
-# Time per point of a transform, relative to that of a power of two. FFTW is fast for multiples of 16, and each odd
-# factor costs time. Fitted to measured plans of lengths 96 to 2310 (float32, AVX-512): what each factor adds, what each
-# 3 after the first adds in addition, and what each factor of 2 that is missing to 16 adds.
+# What each odd factor of a length adds to the time per point of a transform, relative to that of a power of two. Fitted
+# to measured plans of lengths 96 to 2310 (float32, AVX-512).
 FACTOR_COST = {3: 0.15, 5: 0.15, 7: 0.4, 11: 1.0, 13: 1.3}
-FURTHER_3_COST = 0.35
-SHORT_OF_16_COST = 0.25
 
 
 def fast_length(minimum: int, *, excess: float) -> int:
@@ -49,7 +42,8 @@ def _cost(length: int) -> float:
             rest //= factor
             powers[factor] += 1
     odd = sum(cost * powers[factor] for factor, cost in FACTOR_COST.items())
-    further = FURTHER_3_COST * max(powers[3] - 1, 0) + SHORT_OF_16_COST * max(4 - powers[2], 0)
+    # FFTW is fast for multiples of 16. Fitted as above.
+    further = 0.35 * max(powers[3] - 1, 0) + 0.25 * max(4 - powers[2], 0)
     return length * (1.0 + odd + further + (rest - 1))
 
 
@@ -125,7 +119,7 @@ def _plan(source: NDArray[Any], target: NDArray[Any], direction: str, planning: 
         pyfftw.forget_wisdom()
         pyfftw.import_wisdom((b"", *_measured, b""))
         try:
-            planned = plan(PLANNING_TIME)
+            planned = plan(1.0)  # s
             _measured[:] = [pyfftw.export_wisdom()[1]]
             return planned
         finally:

@@ -39,8 +39,7 @@ OTHER_TEXTS = (
 DESCRIBES = "the XMP packet, which describes parts of the original that the result does not have"
 # Blocks of metadata: the name for messages, and the length of the longest in a JPEG.
 BLOCKS = {"exif": ("the EXIF block", 65_533), "xmp": ("the XMP packet", 65_502), "iptc": ("the IPTC record", 65_500)}
-# Number of the IPTC record among the resources of Photoshop, and its place in a PNG.
-IPTC_RESOURCE = 0x0404
+# Place of the IPTC record in a PNG.
 PNG_IPTC = "Raw profile type iptc"
 
 # Most bytes of samples in a classic TIFF: its offsets have 32 bits, and its tags need room too.
@@ -97,7 +96,7 @@ def of_info(info: Mapping[Any, Any], data: bytes, pixels: NDArray[Any], exif: by
     xmp = xmp.encode() if isinstance(xmp, str) else xmp
     if exif and not exif.startswith(PREFIX):
         exif = PREFIX + exif
-    iptc = info.get("photoshop", {}).get(IPTC_RESOURCE) or _of_png_iptc(info.get(PNG_IPTC))
+    iptc = info.get("photoshop", {}).get(0x0404) or _of_png_iptc(info.get(PNG_IPTC))
     profile, losses = info.get("icc_profile"), losses_of(data, xmp)
     return Picture(pixels, exif or None, profile, None, xmp or None, iptc or None, losses)
 

@@ -12,6 +12,7 @@ from io import BytesIO
 
 import numpy as np
 import tifffile
+from PIL.ExifTags import Base
 
 from rsdeblur._util.validate import missing
 from rsdeblur.image.profile import linear_profile
@@ -26,7 +27,6 @@ AVIF_BRANDS = (b"avif", b"avis")
 # Makers' formats that are TIFF inside: their first bytes do not distinguish them from TIFF.
 TIFF_SUFFIXES = (".cr2", ".nef", ".arw", ".pef", ".srw", ".3fr", ".iiq", ".nrw", ".erf", ".dng")
 RAW_MAGIC = (b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"FOVb")
-DNG_VERSION = 50706
 
 
 def is_heif(head: bytes) -> bool:
@@ -78,7 +78,7 @@ def is_raw(data: bytes, suffix: str) -> bool:
         return suffix.lower() in TIFF_SUFFIXES
     try:
         with tifffile.TiffFile(BytesIO(data)) as file:
-            return DNG_VERSION in file.pages.first.tags
+            return Base.DNGVersion in file.pages.first.tags
     except (ValueError, TypeError, LookupError, struct.error):
         return False
 

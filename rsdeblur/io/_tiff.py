@@ -19,6 +19,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 from PIL import Image
+from PIL.ExifTags import Base
 
 from rsdeblur._util.binary import LONG, ORIENTATION, Tags, block_of, directory, tags_of
 from rsdeblur.io._metadata import C2PA, CLASSIC_BYTES, Picture
@@ -28,7 +29,6 @@ from rsdeblur.io.source import Refused, check_trusted
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-XMP_TAG, IPTC_TAG, C2PA_TAG = 700, 33723, 0xCD41
 # Tags of an EXIF block's first directory that describe the picture rather than how its samples are stored: description,
 # maker, model, orientation, software, time, artist, computer, rating, copyright, and texts of Windows.
 DESCRIPTIVE = (270, 271, 272, ORIENTATION, 305, 306, 315, 316, 18246, 18249, 33432, *range(40091, 40096))
@@ -146,8 +146,8 @@ def of_page(page: tifffile.TiffPage, pixels: NDArray[Any], data: bytes | mmap) -
     tags: Tags = {}
     if data[:4] not in MAGIC[2:]:  # offsets in EXIF blocks have 32 bits, those of BigTIFF 64
         tags = tags_of(data, DESCRIPTIVE)
-    xmp, iptc = (_tag_bytes(page, tag) for tag in (XMP_TAG, IPTC_TAG))
-    losses = (C2PA,) if C2PA_TAG in page.tags else ()
+    xmp, iptc = (_tag_bytes(page, tag) for tag in (Base.XMLPacket, Base.IPTCNAA))
+    losses = (C2PA,) if 0xCD41 in page.tags else ()
     return Picture(pixels, block_of(tags) if tags else None, page.iccprofile, None, xmp, iptc, losses)
 
 
@@ -195,7 +195,7 @@ def _layout(picture: Picture, tags: Sequence[Tag]) -> dict[str, Any]:
 def _tables(file: BinaryIO, picture: Picture) -> Iterator[list[Tag]]:
     """Yield the tags for the file's first directory; afterwards append the EXIF block's tables to the file."""
     # TIFF's types: bytes, and bytes of no type.
-    blocks = ((XMP_TAG, 1, picture.xmp), (IPTC_TAG, 7, picture.iptc))
+    blocks = ((Base.XMLPacket, 1, picture.xmp), (Base.IPTCNAA, 7, picture.iptc))
     fields: list[Tag] = [(tag, kind, len(block), block, True) for tag, kind, block in blocks if block]
     tags = tags_of(picture.exif, DESCRIPTIVE) if picture.exif else {}
     fields += [(tag, *value, True) for tag, value in tags.items() if not isinstance(value, dict)]

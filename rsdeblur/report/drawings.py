@@ -24,13 +24,12 @@ GROUND: Colour = (24, 25, 28)
 TEXT: Colour = (232, 232, 228)
 MARKS: tuple[Colour, ...] = ((255, 176, 59), (94, 206, 255), (148, 232, 128))
 DIM = 0.4  # brightness left to a picture below kernels
-FILLED = 0.94  # share of the room between two places that a kernel may fill
-# px: width of a picture in a grid, space between two, size of text and height of a line of it.
-PANEL, GUTTER, FONT, TITLE = 560, 10, 18, 34
+# px: width of a picture in a grid, space between two, and height of a line of text.
+PANEL, GUTTER, TITLE = 560, 10, 34
 LONG_SIDE = 1600  # px of a map of PSFs
 MOST = 12, 9  # rows and columns of kernels in one drawing; more would have no room
-# Bytes of the pictures of a page together; base64 adds a third. JPEG's quality.
-BUDGET, QUALITY = 9 * 2**20, 92
+# Bytes of the pictures of a page together; base64 adds a third.
+BUDGET = 9 * 2**20
 
 
 def rgb8(name: str, image: Display) -> Image.Image:
@@ -52,7 +51,7 @@ def _display(image: Image.Image) -> FloatImage:
 
 
 def _caption(image: Image.Image, corner: tuple[int, int], text: str) -> None:
-    ImageDraw.Draw(image).text(corner, text, fill=TEXT, font=ImageFont.load_default(FONT))
+    ImageDraw.Draw(image).text(corner, text, fill=TEXT, font=ImageFont.load_default(18))
 
 
 def _to_width(image: Image.Image, width: int) -> Image.Image:
@@ -186,7 +185,7 @@ def fitting(rows: FloatArray, cols: FloatArray, size: Sequence[float], shape: tu
         np.diff(places).min() if len(places) > 1 else whole
         for places, whole in zip((rows, cols), shape[:2], strict=True)
     )
-    return FILLED * min(float(room) / side for room, side in zip(rooms, size, strict=True))
+    return 0.94 * min(float(room) / side for room, side in zip(rooms, size, strict=True))
 
 
 def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: Display | None = None) -> FloatImage:
@@ -299,5 +298,5 @@ def bank_data(bank: PsfBank) -> dict[str, Any]:
 
 def _uri(image: Image.Image, *, kind: str = "jpeg", **options: Any) -> str:
     buffer = BytesIO()
-    image.save(buffer, kind, quality=QUALITY, **options)
+    image.save(buffer, kind, quality=92, **options)
     return f"data:image/{kind};base64,{base64.b64encode(buffer.getvalue()).decode()}"

@@ -31,9 +31,6 @@ from rsdeblur.types import FloatArray
 # errs by less than 1e-7 rad over 0.1 s, far below a hundredth of a pixel.
 STEPS_PER_SECOND = 20_000
 
-# Warps per pixel of path, and least number of warps: steps of half a pixel alias at 2 cycles/px, four times the highest
-# frequency of a picture.
-SAMPLES_PER_PIXEL, LEAST_SAMPLES = 2, 16
 # Most warps of a simulation: some 10 GB with their products. Most steps: 100 s.
 MOST_WARPS, MOST_STEPS = 20_000_000, 2_000_000
 
@@ -127,7 +124,8 @@ def simulate(
         log, frame, (float(opens.min()), float(closes.max())), exposure.epoch_ns, frame.translation(translation)
     )
     if validate.is_auto(samples):
-        count = max(LEAST_SAMPLES, int(np.ceil(SAMPLES_PER_PIXEL * path.longest(opens, closes))))
+        # Steps of half a pixel alias at 2 cycles/px, four times the highest frequency of a picture.
+        count = max(16, int(np.ceil(2 * path.longest(opens, closes))))
     else:
         count = validate.count("samples", samples, maximum=MOST_WARPS)
     plane = Plane(scene, path)

@@ -29,8 +29,6 @@ from rsdeblur.video import QUALITY
 from rsdeblur.video.clip import Clip, av, frames, values_of
 
 ColorTrc = av.video.reformatter.ColorTrc
-# Number of frames, spread over the video, whose noise and brightness represent all: the median of an odd number is one.
-SAMPLE_FRAMES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,8 +176,9 @@ def plan_clip(
             f"no frame is blurred by more than {above:g} px, the largest blur is "
             f"{np.nanmax(lengths):.2g} px; there is nothing to deblur unless all frames are requested (--above 0)"
         )
-    # Frames spread over the video decide; the one with the longest paths has the largest kernels.
-    spread, samples, checks = _spread(treated, SAMPLE_FRAMES), list[Plan](), list[QualityCheck]()
+    # Five frames spread over the video represent all: the median of an odd number is one of them. The frame with the
+    # longest paths has the largest kernels.
+    spread, samples, checks = _spread(treated, 5), list[Plan](), list[QualityCheck]()
     for i in sorted({*spread, int(np.nanargmax(lengths))}):
         report_progress(f"sample frame {i}", 1.0)
         values = _values(clip, i)
