@@ -88,7 +88,7 @@ def command(
         jobs, threads = _options.shared_threads(jobs, options.threads, tasks=len(clip))
         plan = rs.plan_clip(clip, log, camera, exposures, options, above=above, progress=move)
         plan = replace(plan, options=replace(plan.options, threads=threads))
-        facts = rs.clip_facts(plan) | {"output": str(output), "codec": encoding.codec, "pixels": encoding.pixels}
+        facts = {"output": str(output), **rs.clip_facts(plan), "codec": encoding.codec, "pixels": encoding.pixels}
         reasons = [f"frame {i}: {reason}" for i, reason in enumerate(plan.reasons) if reason is not None]
         if reasons:
             warn(f"{source}: {len(reasons)} of {len(clip)} frames are kept as they are; {reasons[0]}")

@@ -14,8 +14,6 @@ import numba
 import pytest
 from click.testing import CliRunner, Result
 
-import rsdeblur
-import rsdeblur.io.pictures
 from rsdeblur.cli import COMMANDS, RETRY, ending_signals, main
 from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import progress
@@ -91,7 +89,7 @@ def test_no_traceback(
     def fail(_: object) -> None:
         raise raised
 
-    monkeypatch.setattr(rsdeblur.io.pictures, "read_picture", fail)
+    monkeypatch.setattr("rsdeblur.report.files.read_picture", fail)
     picture = f"{tmp_path}/a.png"
     with open(picture, "wb"):
         result = CliRunner().invoke(main, ["info", picture])
