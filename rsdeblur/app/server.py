@@ -87,9 +87,10 @@ class LocalServer(ThreadingHTTPServer):
         self.server_name, self.server_port = LOOPBACK, self.server_address[1]
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Report an error, but not that a browser has closed its connection before the answer."""
-        if not isinstance(sys.exc_info()[1], ConnectionError):
-            super().handle_error(request, client_address)
+        """Report an error in one line, but not that a browser has closed its connection before the answer."""
+        error = sys.exc_info()[1]
+        if not isinstance(error, ConnectionError):
+            print(f"rsdeblur: a request failed: {type(error).__name__}: {str(error)!a}", file=sys.stderr)
 
     @property
     def url(self) -> str:
@@ -167,9 +168,9 @@ class _Handler(BaseHTTPRequestHandler):
                 return HTTPStatus.OK, self.server.upload(parse_qs(query).get("name", [""])[0], body)
             form = json.loads(body)
             if not isinstance(form, dict):
-                raise _Refusal(HTTPStatus.BAD_REQUEST, "the form must be an object of JSON")
+                raise TypeError("it must be an object")
             return HTTPStatus.OK, self.server.actions[name](form)
-        except (RsdeblurError, OSError) as error:
+        except RsdeblurError as error:
             return HTTPStatus.UNPROCESSABLE_ENTITY, {"error": str(error)}
         except MemoryError:
             return HTTPStatus.UNPROCESSABLE_ENTITY, {
@@ -177,6 +178,10 @@ class _Handler(BaseHTTPRequestHandler):
             }
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise _Refusal(HTTPStatus.BAD_REQUEST, f"the body is not the JSON of a form: {error}") from error
+        except Exception as error:
+            # Whatever it is, the page shows it.
+            text = f"the app failed ({type(error).__name__}: {error}); try again, or use rsdeblur deblur"
+            return HTTPStatus.INTERNAL_SERVER_ERROR, {"error": text}
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
         """Send an error as plain text, and close the connection: the body may not have been read."""

@@ -25,11 +25,14 @@ Examples:
 """
 
 
-def _sharp(photos: tuple[Path, ...], **_: Any) -> Path:
-    if len(photos) > 1:
-        return _options.beside(photos[0].parent, SHARP)
-    name = result_name(photos[0])
+def beside_photo(photo: Path) -> Path:
+    """Return the usual path of the result of a photo."""
+    name = result_name(photo)
     return name.with_name(f"{name.stem}{SHARP}{name.suffix}")
+
+
+def _sharp(photos: tuple[Path, ...], **_: Any) -> Path:
+    return beside_photo(photos[0]) if len(photos) == 1 else _options.beside(photos[0].parent, SHARP)
 
 
 @click.command("deblur", cls=Command, epilog=EXAMPLES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import threading
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,8 @@ import pytest
 from PIL import Image
 
 from rsdeblur import Exposure, Options, read_camera, read_gyro, read_picture
-from rsdeblur.app import Crop, LocalServer, app_page, derive_basis, solve_crop
-from rsdeblur.cli.app import Desk
+from rsdeblur.app import Crop, Desk, LocalServer, app_page, derive_basis, solve_crop
+from rsdeblur.cli.app import engine
 from rsdeblur.errors import InputError, OutputError, RsdeblurError
 
 
@@ -33,8 +34,14 @@ def form(files):
 
 
 @pytest.fixture
-def desk():
-    with Desk([], {}) as open_desk:
+def make_desk(tmp_path):
+    """Return a desk with its settings in a temporary folder, for photos and options of the command line."""
+    return partial(Desk, engine(), settings=tmp_path / "settings")
+
+
+@pytest.fixture
+def desk(make_desk):
+    with make_desk([], {}) as open_desk:
         yield open_desk
 
 
@@ -80,8 +87,6 @@ def test_nothing_is_overwritten_and_a_dropped_file_lands_in_the_folder_of_the_ap
     for name in ("", "..", "/", "a/", "x" * 300):
         with pytest.raises(InputError, match="usable name"):
             desk.upload(name, b"")
-    desk.__exit__()
-    assert not path.exists()
 
 
 @pytest.mark.parametrize(
@@ -99,12 +104,12 @@ def test_errors_have_the_text_of_the_command_line(desk, form, changes, message):
         desk.actions["solve"](form | changes)
 
 
-def test_the_page_in_a_browser(browser, files, form, tmp_path):
+def test_the_page_in_a_browser(browser, make_desk, files, form, tmp_path):
     """Open, move a slider, save: no error on the console, no request to the outside, no complaint of axe."""
     given = {name: form[name] for name in ("gyro", "camera", "start", "duration")}
     complaints: list[str] = []
     requests: list[str] = []
-    with Desk([form["photo"]], given) as desk, LocalServer(app_page(), desk.actions, desk.upload) as server:
+    with make_desk([form["photo"]], given) as desk, LocalServer(app_page(), desk.actions, desk.upload) as server:
         threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
         context = browser.new_context(viewport={"width": 390, "height": 844}, color_scheme="dark")
         tab = context.new_page()
