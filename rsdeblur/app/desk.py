@@ -329,9 +329,9 @@ def _shown(result: DeblurResult, ready: Ready, crop: Crop, *, draft: bool) -> di
     picture, _, camera, exposure = ready.inputs
     transfer = ready.options.transfer
     assert transfer != "auto"
-    pictures = {"result": display_values(result.image, transfer)}
+    pictures = {"after": display_values(result.image, transfer)}
     if not draft:
-        pictures["input"] = display_values(crop.cut(picture.pixels), transfer)
+        pictures["before"] = display_values(crop.cut(picture.pixels), transfer)
     uris, _ = picture_uris(pictures, picture.icc_profile)
     return {
         "size": [crop.width, crop.height],
