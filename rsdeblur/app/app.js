@@ -46,7 +46,7 @@ function remark(notes) {
 // that is not open yet.
 function form(sliders = opened !== null) {
   const values = {};
-  for (const input of document.querySelectorAll("#open-form [name]")) values[input.name] = input.value;
+  for (const input of document.querySelectorAll("#open-form [name]")) values[input.name] = valueOf(input);
   for (const name of ["mode", "prior"]) values[name] = find("controls").elements[name].value;
   values.output = find("output").value;
   if (!sliders) return values;
@@ -59,6 +59,14 @@ function form(sliders = opened !== null) {
   if (moved("focal_length")) values.moved.focal_length = focal().toFixed(1);
   if (moved("softness")) values.moved.softness = find("softness").value;
   return values;
+}
+
+// The value of a field; one that shows the name of a file that was sent means its place.
+const valueOf = (input) => (input.value && input.value === input.dataset.sent ? input.dataset.place : input.value);
+
+function put(input, path) {
+  input.value = input.dataset.sent = lastPart(path);
+  input.dataset.place = path;
 }
 
 const offset = () => 1e3 * opened.time_offset + Number(find("time_offset").value);
@@ -191,7 +199,7 @@ find("overview").addEventListener("keydown", (event) => {
 // Files.
 
 async function open() {
-  busy("Reading the photo and its log…");
+  busy("Reading the photo and its log. Finding the moment of a photo with nothing but EXIF takes a while…");
   try {
     opened = await ask("open", JSON.stringify(form(false)));
   } catch (error) {
@@ -282,7 +290,7 @@ async function receive(files, field = null) {
     for (const [i, file] of files.entries()) {
       busy(`Reading ${file.name}…`);
       const { path } = await ask(`upload?name=${encodeURIComponent(file.name)}`, file, "application/octet-stream");
-      find(fields[i]).value = path;
+      put(find(fields[i]), path);
     }
   } catch (error) {
     showChosen();
@@ -306,6 +314,7 @@ async function tryExample() {
   try {
     const answer = await ask("example", "{}");
     fill(answer.form);
+    for (const name of ["photo", "gyro", "camera"]) put(find(name), answer.form[name]);
     isExample = true;
     await open();
   } catch (error) {

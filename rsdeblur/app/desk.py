@@ -165,7 +165,7 @@ class Desk:
         if ready.recording.start == "exif":
             # The search took seconds; from now on, the moment that it found is given.
             start = exposure.epoch_ns + round(1e9 * exposure.start)
-            moment = {"start": "", "start_ns": str(start), "time_offset": repr(camera.time_offset)}
+            moment = {"start": "", "start_ns": str(start), "time_offset": f"{camera.time_offset:.6f}"}
         self._remember(path_of(form, "camera"))
         return {
             "name": photo.name,

@@ -44,6 +44,7 @@ class Uploads:
         """Remove the files."""
         shutil.rmtree(self._folder, ignore_errors=True)
         _release(self._lock)
+        self._lock = None
 
     def keep(self, name: str, content: bytes) -> Path:
         """Write a file, and return its path, which has the last part of `name`."""
