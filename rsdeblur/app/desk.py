@@ -75,14 +75,14 @@ class Engine(NamedTuple):
     save
         Deblurs the photo of arguments, writes it to a path, and returns the facts about the result.
     result
-        Returns the usual path of a photo's result.
+        Returns the usual path of the result of photos, here one.
     example
         Writes an example to a folder, and returns the path of its photo and its options.
     """
 
     read: Callable[[Sequence[str]], Ready]
     save: Callable[[Sequence[str], Path, Progress], dict[str, Any]]
-    result: Callable[[Path], Path]
+    result: Callable[[tuple[Path, ...]], Path]
     example: Callable[[Path], dict[str, str]]
 
 
@@ -201,7 +201,7 @@ class Desk:
 
     def _free_name(self, photo: Path) -> Path:
         """Return a path for the result that no file has: beside the photo, or in the working folder."""
-        result = self._engine.result(photo)
+        result = self._engine.result((photo,))
         if self.uploads.has(photo):
             folder = Path(os.path.expanduser("~"))
             with suppress(FileNotFoundError):  # it was deleted

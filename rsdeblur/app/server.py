@@ -21,7 +21,7 @@ from string import Template
 from typing import Any
 from urllib.parse import parse_qs
 
-from rsdeblur.errors import RsdeblurError
+from rsdeblur.errors import InputError, RsdeblurError
 from rsdeblur.pipeline.options import Options
 from rsdeblur.report.page import document, part
 
@@ -103,7 +103,10 @@ class LocalServer(ThreadingHTTPServer):
     def __init__(self, page: str, actions: Mapping[str, Action], upload: Upload, port: int = 0) -> None:
         self.page, self.actions, self.upload = page, actions, upload
         self.token = secrets.token_urlsafe(24)
-        super().__init__((LOOPBACK, port), _Handler)
+        try:
+            super().__init__((LOOPBACK, port), _Handler)
+        except OSError as error:
+            raise InputError(f"port {port}: {error.strerror}; leave it out to take a free one") from error
         self.hosts = {f"{name}:{self.server_port}" for name in (LOOPBACK, "localhost")}
 
     def server_bind(self) -> None:

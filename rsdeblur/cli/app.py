@@ -21,9 +21,8 @@ from rsdeblur.cli._options import MANY, MANY_RESULTS, ONE_PHOTO, Command, Record
 from rsdeblur.cli._output import say, usage_as_input_error
 from rsdeblur.cli._photo import PhotoJob, Prepared, deblur_photo, prepare
 from rsdeblur.cli._types import PATH
-from rsdeblur.cli.deblur import beside_photo
+from rsdeblur.cli.deblur import default_output
 from rsdeblur.cli.demo import CAPTURE_LOG, KINDS, write_files
-from rsdeblur.errors import InputError
 from rsdeblur.pipeline.options import Options
 
 EXAMPLES = """\b
@@ -46,30 +45,24 @@ def command(photos: tuple[Path, ...], recording: Recording, port: int, no_browse
     picture with the same code. Ctrl-C ends it.
     """
     names, settings = [str(photo.absolute()) for photo in photos], platformdirs.user_config_path("rsdeblur")
-    with rs.Desk(engine(), names, _given(click.get_current_context()), settings) as desk:
+    with (
+        rs.Desk(engine(), names, _given(click.get_current_context()), settings) as desk,
+        rs.LocalServer(rs.app_page(), desk.actions, desk.upload, port) as server,
+    ):
+        say(server.url, "Open this address in a browser of this machine; Ctrl-C ends the app.")
+        if not no_browser:
+            desk.uploads.browse(server.url)
         try:
-            server = rs.LocalServer(rs.app_page(), desk.actions, desk.upload, port)
-        except OSError as error:
-            raise InputError(f"--port {port}: {error.strerror}; leave the option out to take a free port") from error
-        with server:
-            say(server.url, "Open this address in a browser of this machine; Ctrl-C ends the app.")
-            if not no_browser:
-                desk.uploads.browse(server.url)
-            _serve(server)
+            server.serve_forever()
+        except KeyboardInterrupt as interrupt:
+            # Ctrl-C is the usual way to end the app; other signals are reported as for every command.
+            if interrupt.args[:1] not in ((), (signal.SIGINT,)):
+                raise
 
 
 def engine() -> rs.Engine:
     """Return what the page needs of `rsdeblur deblur` and `rsdeblur demo`."""
-    return rs.Engine(_read, _save, beside_photo, _example)
-
-
-def _serve(server: rs.LocalServer) -> None:
-    try:
-        server.serve_forever()
-    except KeyboardInterrupt as interrupt:
-        # Ctrl-C is the usual way to end the app; other signals are reported as for every command.
-        if interrupt.args[:1] not in ((), (signal.SIGINT,)):
-            raise
+    return rs.Engine(_read, _save, default_output, _example)
 
 
 def _given(ctx: click.Context) -> dict[str, str]:
@@ -99,14 +92,10 @@ def _parse(photo: Path, recording: Recording, options: Options) -> tuple[Path, R
 _picture = lru_cache(maxsize=1)(lambda photo, state: rs.read_picture(photo))
 
 
-def _parsed(words: Sequence[str]) -> Any:
-    return _parse.main(list(words), prog_name="rsdeblur deblur", standalone_mode=False)
-
-
 def _read(words: Sequence[str]) -> Prepared:
     """Prepare a photo as `rsdeblur deblur` does, with a picture that is kept."""
     with usage_as_input_error():
-        photo, recording, options = _parsed(words)
+        photo, recording, options = _parse.main(list(words), "rsdeblur deblur", standalone_mode=False)
         inputs = None
         if recording.start != "exif":
             log, camera, exposure = read_recording(recording, photo)
@@ -118,7 +107,7 @@ def _read(words: Sequence[str]) -> Prepared:
 
 def _save(words: Sequence[str], output: Path, move: rs.Progress) -> dict[str, Any]:
     with usage_as_input_error():
-        photo, recording, options = _parsed(words)
+        photo, recording, options = _parse.main(list(words), "rsdeblur deblur", standalone_mode=False)
         return deblur_photo(PhotoJob(photo=photo, recording=recording, options=options, output=output), move)
 
 

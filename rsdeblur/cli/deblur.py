@@ -25,14 +25,12 @@ Examples:
 """
 
 
-def beside_photo(photo: Path) -> Path:
-    """Return the usual path of the result of a photo."""
-    name = result_name(photo)
+def default_output(photos: tuple[Path, ...], **_: Any) -> Path:
+    """Return where the results of photos go if no option says so."""
+    if len(photos) > 1:
+        return _options.beside(photos[0].parent, SHARP)
+    name = result_name(photos[0])
     return name.with_name(f"{name.stem}{SHARP}{name.suffix}")
-
-
-def _sharp(photos: tuple[Path, ...], **_: Any) -> Path:
-    return beside_photo(photos[0]) if len(photos) == 1 else _options.beside(photos[0].parent, SHARP)
 
 
 @click.command("deblur", cls=Command, epilog=EXAMPLES)
@@ -52,7 +50,7 @@ def _sharp(photos: tuple[Path, ...], **_: Any) -> Path:
     "OUT|DIR",
     "Picture to write; by default PHOTO-sharp beside it. Or a folder, for several photos by default that of the first "
     "one with -sharp after its name.",
-    default=_sharp,
+    default=default_output,
     more=("dry_run",),
 )
 def command(

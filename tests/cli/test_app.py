@@ -134,7 +134,12 @@ def test_a_photo_and_its_log_suffice(desk, files, form, run, monkeypatch, tmp_pa
     Image.open(files.photo).save(photo, exif=exif, quality=98)
     searches = []
     found = OffsetSearch(late, late, 0.001, 40.0, "", np.zeros(1), np.zeros(1))
-    monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", lambda *_, **__: searches.append(1) or found)
+
+    def search(*_, **__):
+        searches.append(1)
+        return found
+
+    monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", search)
     form = form | {"photo": str(photo), "camera": "", "start": "", "duration": "", "output": str(tmp_path / "a.jpg")}
     opened = desk.actions["open"](form)
     assert opened["start"] == pytest.approx(0.2, abs=1e-6)  # of nanoseconds that a float counts from 1970
