@@ -35,10 +35,6 @@ from rsdeblur.report.drawings import bank_data, picture_uris
 from rsdeblur.report.figures import readout_data
 from rsdeblur.types import Progress
 
-# Pixels along the longer side of the overview, twice what the page shows.
-OVERVIEW = 1120
-# px; larger crops would be solved too slowly.
-LARGEST_CROP = 1024
 # Bytes of a camera file that is kept for the next start; videos contain cameras too.
 LARGEST_CAMERA = 1 << 20
 
@@ -158,7 +154,8 @@ class Desk:
         with self._busy, _warnings() as notes:
             ready = self._engine.read(arguments(form))
             picture, log, camera, exposure = ready.inputs
-            stride = max(1, max(picture.pixels.shape[:2]) // OVERVIEW)
+            # The overview has at most twice the pixels that the page shows of it.
+            stride = max(1, max(picture.pixels.shape[:2]) // 1120)
             shown = display_values(picture.pixels[::stride, ::stride], picture.transfer)
             (overview,), _ = picture_uris({"picture": shown}, picture.icc_profile)
         photo, moment = Path(path_of(form, "photo")), {}
@@ -223,7 +220,8 @@ class Desk:
             options = replace(ready.options, check=bool(form.get("check")))
             picture, log, camera, exposure = ready.inputs
             left, top, width, height = map(int, form["box"])
-            crop = Crop(left, top, min(width, LARGEST_CROP), min(height, LARGEST_CROP)).within(camera)
+            # Larger crops would be solved too slowly.
+            crop = Crop(left, top, min(width, 1024), min(height, 1024)).within(camera)
             with ready.naming:
                 result = solve_crop(picture.pixels, log, camera, exposure, options, basis, crop, scale=scale)
         answer = _shown(result, ready, crop, draft=scale < 1.0)

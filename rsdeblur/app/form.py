@@ -15,13 +15,14 @@ Form = Mapping[str, Any]
 # Options that have a slider; the strengths of the whole picture are derived without them, and so stay while they move.
 MOVED = ("time_offset", "readout_time", "focal_length", "softness")
 FILES = ("gyro", "camera", "capture")
-# Options that have a field; "more" contains the others.
+# Options that the page sets; "more" contains the others.
 FIELDS = (*FILES, "index", "start", "start_ns", "duration", "orientation", *MOVED, "mode", "prior")
 
 
 def filled(options: Mapping[str, str]) -> dict[str, str]:
     """Return the form that means these options and perhaps a photo, given as texts by name."""
-    fields = {name: text for name, text in options.items() if name in ("photo", *FIELDS)}
+    # No field is called "start_ns": the moment that a search found is not typed.
+    fields = {name: text for name, text in options.items() if name in ("photo", *FIELDS) and name != "start_ns"}
     others = (word for name, text in options.items() if name not in fields for word in (_flag(name), text))
     return fields | {"more": shlex.join(others)}
 

@@ -16,7 +16,6 @@ from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
-from itertools import starmap
 from string import Template
 from typing import Any
 from urllib.parse import parse_qs
@@ -28,15 +27,6 @@ from rsdeblur.report.page import document, part
 LOOPBACK = "127.0.0.1"
 # Content type and most bytes of a request's body: a form, and a photo or log.
 FORM, FILE = ("application/json", 64 << 10), ("application/octet-stream", 512 << 20)
-FILE_FIELDS = (("photo", "Photo"), ("gyro", "Gyro log"), ("camera", "Camera file"), ("capture", "Capture file"))
-# Name, label, least and greatest value, step: powers of ten, ms, ms, powers of two, px.
-SLIDERS = (
-    ("power", "Strength", -2, 2, 0.1),
-    ("time_offset", "Time offset", -50, 50, 0.5),
-    ("readout_time", "Readout time", 0, 60, 0.5),
-    ("focal_length", "Focal length", -0.5, 0.5, 0.01),
-    ("softness", "Softness", 0, 1, 0.05),
-)
 HEADERS = {
     # The page itself forbids scripts, styles and sources that are not its own.
     "Content-Security-Policy": "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -61,28 +51,12 @@ def app_page() -> str:
         title="Deblur a photo",
         facts="Nothing leaves this machine",
         main=Template(html).substitute(
-            viewer=part("page_viewer.html"),
-            files="".join(starmap(_file_field, FILE_FIELDS)),
-            sliders="".join(starmap(_slider, SLIDERS)),
-            modes=_choices("mode", "auto"),
-            priors=_choices("prior", default_prior),
+            viewer=part("page_viewer.html"), modes=_choices("mode", "auto"), priors=_choices("prior", default_prior)
         ),
         style=css,
         script=part("page_viewer.js") + script,
         allowed="; connect-src 'self'",
     )
-
-
-def _file_field(name: str, label: str) -> str:
-    """Return the field of a file, which is typed or chosen."""
-    return f"""<div class="field"><label for="{name}">{label}</label><input id="{name}" name="{name}" list="{name}s"
-      autocomplete="off" spellcheck="false"><datalist id="{name}s"></datalist><label class="choose">Choose<input
-      type="file" data-for="{name}" aria-label="Choose the {label.lower()}"></label></div>"""
-
-
-def _slider(name: str, label: str, low: float, high: float, step: float) -> str:
-    return f"""<div class="slider"><label for="{name}">{label}</label><output id="{name}-value" for="{name}"></output>
-      <input type="range" id="{name}" min="{low}" max="{high}" step="{step}" value="0"></div>"""
 
 
 def _choices(name: str, chosen: object) -> str:

@@ -23,8 +23,6 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 PREFIX = "rsdeblur-app-"
-# Bytes of a name; file systems take 255.
-LONGEST_NAME = 200
 T = TypeVar("T")
 
 
@@ -50,7 +48,7 @@ class Uploads:
         """Write a file, and return its path, which has the last part of `name`."""
         # Without anything that a system treats specially.
         clean = "".join(c for c in name.replace("\\", "/").rpartition("/")[2] if c.isprintable() and c not in '<>:"|?*')
-        if not clean.strip(". ") or len(clean.encode()) > LONGEST_NAME:
+        if not clean.strip(". ") or len(clean.encode()) > 200:
             raise InputError("the file has no usable name; rename it")
 
         def write(folder: Path) -> Path:

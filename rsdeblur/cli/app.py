@@ -27,8 +27,8 @@ from rsdeblur.pipeline.options import Options
 
 EXAMPLES = """\b
 Examples:
-  rsdeblur app
   rsdeblur app photo.jpg --gyro gyro.csv
+  rsdeblur app
 """
 
 

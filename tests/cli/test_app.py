@@ -17,6 +17,7 @@ from PIL import Image
 
 from rsdeblur import Exposure, Options, read_camera, read_gyro, read_picture
 from rsdeblur.app import Crop, Desk, LocalServer, app_page, derive_basis, solve_crop
+from rsdeblur.cli._options import MANY
 from rsdeblur.cli.app import engine
 from rsdeblur.errors import InputError, OutputError, RsdeblurError
 from rsdeblur.estimate.time_offset import OffsetSearch
@@ -107,6 +108,15 @@ def test_files_that_the_browser_sent_have_the_names_that_the_user_knows(desk, fo
     assert Path(desk.actions["open"](form)["output"]).parent == Path("~").expanduser()
     with pytest.raises(InputError, match="whole path"):
         desk.actions["open"](form | {"photo": "photo.png"})
+
+
+def test_every_option_of_the_recording_has_a_field(make_desk):
+    with make_desk([], {name: "1" for name in MANY}) as desk:
+        form = desk.actions["start"]({})["form"]
+    assert form.keys() >= {"gyro", "start", "time_offset"}
+    assert [name for name in form if f' name="{name}"' not in app_page()] == []
+    others = shlex.split(form["more"])
+    assert sorted(others[::2]) == sorted(f"--{name.replace('_', '-')}" for name in MANY if name not in form)
 
 
 def test_the_last_camera_file_is_offered_again(make_desk, form):
