@@ -111,7 +111,7 @@ def test_files_that_the_browser_sent_have_the_names_that_the_user_knows(desk, fo
 
 
 def test_every_option_of_the_recording_has_a_field(make_desk):
-    with make_desk([], {name: "1" for name in MANY}) as desk:
+    with make_desk([], dict.fromkeys(MANY, "1")) as desk:
         form = desk.actions["start"]({})["form"]
     assert form.keys() >= {"gyro", "start", "time_offset"}
     assert [name for name in form if f' name="{name}"' not in app_page()] == []
