@@ -13,6 +13,7 @@ let resting = 0;
 let draftSize = 0; // index of the size of drafts in SCALES; the first answer must contain the input too
 let started = false;
 let isExample = false;
+let complainer = ""; // what the message is about
 
 async function ask(action, body, kind = "application/json") {
   const answer = await fetch(action, { method: "POST", headers: { "Content-Type": kind }, body }).catch(() => {
@@ -24,7 +25,10 @@ async function ask(action, body, kind = "application/json") {
   return content;
 }
 
-function complain(error) {
+// A crop that is solved takes back the complaint about an earlier one only.
+function complain(error, by = "") {
+  if (!error && by !== "" && by !== complainer) return;
+  complainer = by;
   find("error").textContent = error ? error.message : "";
   find("error").hidden = !error;
   if (error) busy("");
@@ -93,10 +97,10 @@ async function work() {
     find("state").textContent = "solving…";
     try {
       const answer = await ask("solve", JSON.stringify({ ...form(), ...request, box }));
-      complain(null);
+      complain(null, "solve");
       await show(answer, request);
     } catch (error) {
-      complain(error);
+      complain(error, "solve");
       find("state").textContent = "";
     }
   }

@@ -132,6 +132,12 @@ def test_the_last_camera_file_is_offered_again(make_desk, form):
         assert desk.actions["open"](form | {"camera": kept})["size"] == [96, 72]
 
 
+def test_the_example_opens_and_its_camera_is_nobodys(desk, tmp_path):
+    opened = desk.actions["open"](desk.actions["example"]({})["form"])
+    assert (opened["name"], opened["axes"], opened["start"]) == ("blurred.png", "camera", 0.25)
+    assert not (tmp_path / "settings").exists()
+
+
 def test_a_photo_and_its_log_suffice(desk, files, form, run, monkeypatch, tmp_path):
     """Camera and moment are those of EXIF; the search for the moment, which has its own tests, is not repeated."""
     noon_ns, late = 1_766_385_749_000_000_000, 0.5
@@ -254,6 +260,8 @@ def test_the_page_in_a_browser(browser, make_desk, files, form, tmp_path):
         tab.wait_for_selector("#error:not([hidden])")
         assert "absent.csv" in tab.inner_text("#error")
         assert violations(tab) == []
+        tab.reload()
+        tab.wait_for_selector("#last-camera:has-text('camera.toml')")
         assert [url for url in requests if not url.startswith(("data:", server.url))] == []
         context.close()
         server.shutdown()
