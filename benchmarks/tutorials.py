@@ -80,7 +80,7 @@ def follow(step: Step, folder: Path, environment: Mapping[str, str]) -> Outcome:
         return Outcome(skipped=step.needs or f"${unset[0]} is not set")
     begin, printed = time.perf_counter(), ""
     words = ["bash", "-c", step.text] if step.language == "sh" else [sys.executable, "-P", "-c", step.text]
-    if step.text.startswith("rsdeblur app "):
+    if step.text.split()[:2] == ["rsdeblur", "app"]:
         problem = _open_app(step.text, folder, environment)
     else:
         try:

@@ -15,6 +15,7 @@ from rsdeblur.errors import FileFormatError, InputError
 # FFmpeg's names of the containers that are read. It recognises a file by its content, and reads pictures as videos too,
 # and playlists, which make it open other files.
 CONTAINERS = ("mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm", "avi", "mpegts")
+FileState = tuple[int, ...] | None
 
 
 def checked_path(path: str | os.PathLike[str]) -> Path:
@@ -51,6 +52,15 @@ def read_file(path: str | os.PathLike[str], what: str, start: int = 0, size: int
             return file.read(size)
         except OSError as error:
             raise _unreadable(path, what, error) from error
+
+
+def file_state(path: Path) -> FileState:
+    """Return numbers that change when a file does; None if there is no such file, which its reader reports."""
+    try:
+        facts = path.stat()
+    except (OSError, ValueError):
+        return None
+    return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
 
 
 def ffmpeg_input(path: str | os.PathLike[str]) -> dict[str, Any]:

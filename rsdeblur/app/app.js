@@ -12,7 +12,8 @@ let next = null; // the request that waits; a later one replaces it
 let resting = 0;
 let draftSize = 0; // index of the size of drafts in SCALES; the first answer must contain the input too
 let started = false;
-let rest = {}; // options of the command line that have no field
+let isExample = false;
+let complainer = ""; // what the message is about
 
 async function ask(action, body, kind = "application/json") {
   const answer = await fetch(action, { method: "POST", headers: { "Content-Type": kind }, body }).catch(() => {
@@ -24,9 +25,18 @@ async function ask(action, body, kind = "application/json") {
   return content;
 }
 
-function complain(error) {
+// A crop that is solved takes back the complaint about an earlier one only.
+function complain(error, by = "") {
+  if (!error && by !== "" && by !== complainer) return;
+  complainer = by;
   find("error").textContent = error ? error.message : "";
   find("error").hidden = !error;
+  if (error) busy("");
+}
+
+function busy(text) {
+  find("busy").textContent = text;
+  find("busy").hidden = !text;
 }
 
 function remark(notes) {
@@ -39,11 +49,12 @@ function remark(notes) {
 // The form as the server expects it: texts by name. A slider that was not moved sets nothing, nor does any for a photo
 // that is not open yet.
 function form(sliders = opened !== null) {
-  const values = { ...rest };
-  for (const input of document.querySelectorAll("#open-form [name]")) values[input.name] = input.value;
+  const values = {};
+  for (const input of document.querySelectorAll("#open-form [name]")) values[input.name] = valueOf(input);
   for (const name of ["mode", "prior"]) values[name] = find("controls").elements[name].value;
   values.output = find("output").value;
   if (!sliders) return values;
+  Object.assign(values, opened.moment);
   values.moved = {};
   values.power = Number(find("power").value);
   const moved = (name) => find(name).value !== find(name).defaultValue;
@@ -54,6 +65,14 @@ function form(sliders = opened !== null) {
   return values;
 }
 
+// The value of a field; one that shows the name of a file that was sent means its place.
+const valueOf = (input) => (input.value && input.value === input.dataset.sent ? input.dataset.place : input.value);
+
+function put(input, path) {
+  input.value = input.dataset.sent = lastPart(path);
+  input.dataset.place = path;
+}
+
 const offset = () => 1e3 * opened.time_offset + Number(find("time_offset").value);
 const focal = () => opened.focal_length * 2 ** Number(find("focal_length").value);
 
@@ -62,7 +81,7 @@ function showValues(strength) {
   find("readout_time-value").value = `${Number(find("readout_time").value).toFixed(1)} ms`;
   find("focal_length-value").value = `${focal().toFixed(0)} px`;
   find("softness-value").value = `${Number(find("softness").value).toFixed(2)} px`;
-  if (strength) find("power-value").value = `${strength.name} ${strength.value.toPrecision(3)}${strength.power ? "" : " (auto)"}`;
+  if (strength) find("power-value").value = `${strength.value.toPrecision(3)}${strength.power ? "" : " (auto)"}`;
 }
 
 function solve(draft) {
@@ -78,10 +97,10 @@ async function work() {
     find("state").textContent = "solving…";
     try {
       const answer = await ask("solve", JSON.stringify({ ...form(), ...request, box }));
-      complain(null);
+      complain(null, "solve");
       await show(answer, request);
     } catch (error) {
-      complain(error);
+      complain(error, "solve");
       find("state").textContent = "";
     }
   }
@@ -124,13 +143,14 @@ async function show(answer, request) {
   showFrame();
   showValues(answer.strength);
   find("line").value = answer.command;
+  find("bare").hidden = !answer.bare;
   find("state").textContent = `${draft ? `draft at ${Math.round(100 * request.scale)} %, ` : ""}${answer.seconds.toFixed(2)} s`;
   if (request.check) showCheck(answer);
 }
 
 function showCheck(answer) {
   const { check } = answer;
-  find("verdict").textContent = check ? `Check of the crop: ${check.verdict}` : "";
+  find("verdict").textContent = check ? `Check of this part: ${check.verdict}` : "";
   find("verdict").className = check ? `verdict-${check.verdict.replace(" ", "-")}` : "";
   find("reasons").textContent = check ? check.reasons.join(" ") : "";
   remark(answer.notes);
@@ -183,19 +203,19 @@ find("overview").addEventListener("keydown", (event) => {
 // Files.
 
 async function open() {
-  find("state").textContent = "opening…";
+  busy("Reading the photo and its log. Finding the moment of a photo with nothing but EXIF takes a while…");
   try {
     opened = await ask("open", JSON.stringify(form(false)));
   } catch (error) {
     complain(error);
-    find("state").textContent = "";
+    find("options").open = true;
     return;
   }
   complain(null);
+  busy("");
   remark(opened.notes);
   find("title").textContent = opened.name;
   document.title = `${opened.name} · rsdeblur`;
-  find("size").textContent = `${opened.size.join(" × ")} px, ${(1e3 * opened.duration).toPrecision(3)} ms`;
   find("whole").src = opened.overview;
   find("output").value = opened.output;
   const readout = find("readout_time");
@@ -204,29 +224,107 @@ async function open() {
   readout.step = "any";
   readout.defaultValue = 1e3 * opened.readout_time;
   resetSliders();
-  for (const id of ["saved", "saving"]) find(id).hidden = true;
-  find("work").hidden = false;
-  find("files").open = false;
+  showChips();
+  for (const id of ["saved", "saving", "start"]) find(id).hidden = true;
+  for (const id of ["work", "found"]) find(id).hidden = false;
+  find("options").open = false;
+  find("work").focus({ preventScroll: true });
   moveCrop(opened.size[0] / 2, opened.size[1] / 2);
+}
+
+const lastPart = (path) => path.split(/[\\/]/).pop();
+
+// What the files contain; each chip opens the field that replaces it.
+function showChips() {
+  const chips = [
+    ["photo", "Size", opened.size.join(" × ")],
+    ["gyro", "Log", lastPart(find("gyro").value)],
+    ["focal", "Focal length", `${opened.focal_length.toFixed(0)} px`],
+    ["readout", "Readout", `${(1e3 * opened.readout_time).toPrecision(3)} ms`, opened.readout_is_guess],
+    ["start_at", "Start", `${opened.start.toFixed(3)} s`],
+    ["duration", "Exposure", `${(1e3 * opened.duration).toPrecision(3)} ms`],
+    ["orientation", "Axes", opened.axes || "of the camera file"],
+  ];
+  find("chips").replaceChildren(
+    ...chips.map(([field, label, value, guess]) => {
+      const chip = Object.assign(document.createElement("button"), { type: "button", className: guess ? "guess" : "" });
+      chip.append(`${label} `, Object.assign(document.createElement("strong"), { textContent: value }), guess ? " (a guess)" : "");
+      chip.addEventListener("click", () => {
+        find("options").open = true;
+        find(field).focus();
+      });
+      return chip;
+    }),
+  );
 }
 
 const resetSliders = () => SLIDERS.forEach((name) => (find(name).value = find(name).defaultValue));
 
-async function upload(file, name) {
-  try {
-    const { path } = await ask(`upload?name=${encodeURIComponent(file.name)}`, file, "application/octet-stream");
-    find(name).value = path;
-    complain(null);
-  } catch (error) {
-    complain(error);
-  }
+function fill(values) {
+  for (const input of document.querySelectorAll("#open-form [name]")) input.value = values[input.name] ?? "";
+  showChosen();
 }
 
-// The field that a dropped file is for, by its name.
+function showChosen() {
+  const files = { photo: "Photo", gyro: "Gyro log", camera: "Camera", capture: "Exposures" };
+  const items = Object.entries(files).flatMap(([name, label]) => {
+    if (!find(name).value) return [];
+    const item = document.createElement("li");
+    item.append(`${label} `, Object.assign(document.createElement("strong"), { textContent: lastPart(find(name).value) }));
+    return [item];
+  });
+  find("chosen").replaceChildren(...items);
+}
+
+// Open what is complete; say what is missing.
+async function openIfComplete() {
+  showChosen();
+  const missing = [["photo", "a photo"], ["gyro", "its gyro log"]].filter(([name]) => !find(name).value).map(([, text]) => text);
+  if (missing.length === 0) await open();
+  else busy(missing.length === 1 ? `Now add ${missing[0]}.` : "");
+}
+
+async function receive(files, field = null) {
+  complain(null);
+  const fields = files.map((file) => field ?? fieldOf(file.name));
+  // A photo with its log has its own camera and moment, and nothing belongs to the example.
+  if (isExample || (fields.includes("photo") && fields.includes("gyro"))) fill({});
+  isExample = false;
+  try {
+    for (const [i, file] of files.entries()) {
+      busy(`Reading ${file.name}…`);
+      const { path } = await ask(`upload?name=${encodeURIComponent(file.name)}`, file, "application/octet-stream");
+      put(find(fields[i]), path);
+    }
+  } catch (error) {
+    showChosen();
+    complain(error);
+    return;
+  }
+  await openIfComplete();
+}
+
+// The field that a file is for, by its name.
 function fieldOf(name) {
   if (/\.(jpe?g|png|tiff?|webp|heic|heif|dng|npy)$/i.test(name)) return "photo";
   if (/\.(toml|ya?ml|json)$/i.test(name)) return "camera";
   return /frame|capture|metadata|stamps/i.test(name) ? "capture" : "gyro";
+}
+
+async function tryExample() {
+  complain(null);
+  busy("Simulating a shaken photo and its log. The first time, this compiles for up to a minute…");
+  find("example").disabled = true;
+  try {
+    const answer = await ask("example", "{}");
+    fill(answer.form);
+    for (const name of ["photo", "gyro", "camera"]) put(find(name), answer.form[name]);
+    isExample = true;
+    await open();
+  } catch (error) {
+    complain(error);
+  }
+  find("example").disabled = false;
 }
 
 addEventListener("dragover", (event) => {
@@ -234,11 +332,10 @@ addEventListener("dragover", (event) => {
   document.body.classList.add("dropping");
 });
 addEventListener("dragleave", () => document.body.classList.remove("dropping"));
-addEventListener("drop", async (event) => {
+addEventListener("drop", (event) => {
   event.preventDefault();
   document.body.classList.remove("dropping");
-  find("files").open = true;
-  for (const file of [...event.dataTransfer.files]) await upload(file, fieldOf(file.name));
+  receive([...event.dataTransfer.files]);
 });
 
 // Result.
@@ -294,20 +391,30 @@ async function start() {
   find("save").addEventListener("click", save);
   find("cancel").addEventListener("click", () => ask("cancel", "{}").catch(complain));
   find("copy").addEventListener("click", copy);
+  find("choose").addEventListener("click", () => find("picker").click());
+  find("example").addEventListener("click", tryExample);
+  find("another").addEventListener("click", () => {
+    fill({});
+    for (const id of ["work", "found"]) find(id).hidden = true;
+    find("start").hidden = false;
+    find("title").textContent = "Deblur a photo";
+    find("choose").focus();
+  });
   for (const choice of document.querySelectorAll("input[type=file]")) {
-    choice.addEventListener("change", () => choice.files.length && upload(choice.files[0], choice.dataset.for));
+    choice.addEventListener("change", () => receive([...choice.files], choice.dataset.for));
   }
-  const { photos, form: given } = await ask("start", "{}");
+  const { photos, form: given, camera } = await ask("start", "{}");
   find("photos").append(...photos.map((photo) => new Option("", photo)));
-  rest = given;
-  if (photos.length) find("photo").value = photos[0];
-  for (const input of document.querySelectorAll("#open-form [name]")) {
-    if (input.name in rest) {
-      input.value = rest[input.name];
-      delete rest[input.name];
-    }
+  fill({ photo: photos[0], ...given });
+  if (camera) {
+    find("last-camera").textContent = `Use the last camera file: ${lastPart(camera)}`;
+    find("last-camera").hidden = false;
+    find("last-camera").addEventListener("click", () => {
+      find("camera").value = camera;
+      openIfComplete();
+    });
   }
-  if (find("photo").value && find("gyro").value && find("camera").value) open();
+  await openIfComplete();
 }
 
 start().catch(complain);

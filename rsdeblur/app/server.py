@@ -20,7 +20,7 @@ from string import Template
 from typing import Any
 from urllib.parse import parse_qs
 
-from rsdeblur.errors import RsdeblurError
+from rsdeblur.errors import InputError, RsdeblurError
 from rsdeblur.pipeline.options import Options
 from rsdeblur.report.page import document, part
 
@@ -48,9 +48,8 @@ def app_page() -> str:
     html, css, script = (own.joinpath(f"app.{kind}").read_text("utf-8") for kind in ("html", "css", "js"))
     return document(
         kind="rsdeblur app",
-        title="Open a photo",
-        facts='<span id="size">Photo, gyro log and camera file stay on this machine.</span> '
-        '<span id="verdict" role="status"></span>',
+        title="Deblur a photo",
+        facts="Nothing leaves this machine",
         main=Template(html).substitute(
             viewer=part("page_viewer.html"), modes=_choices("mode", "auto"), priors=_choices("prior", default_prior)
         ),
@@ -78,7 +77,10 @@ class LocalServer(ThreadingHTTPServer):
     def __init__(self, page: str, actions: Mapping[str, Action], upload: Upload, port: int = 0) -> None:
         self.page, self.actions, self.upload = page, actions, upload
         self.token = secrets.token_urlsafe(24)
-        super().__init__((LOOPBACK, port), _Handler)
+        try:
+            super().__init__((LOOPBACK, port), _Handler)
+        except OSError as error:
+            raise InputError(f"port {port}: {error.strerror}; leave it out to take a free one") from error
         self.hosts = {f"{name}:{self.server_port}" for name in (LOOPBACK, "localhost")}
 
     def server_bind(self) -> None:
@@ -87,9 +89,10 @@ class LocalServer(ThreadingHTTPServer):
         self.server_name, self.server_port = LOOPBACK, self.server_address[1]
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Report an error, but not that a browser has closed its connection before the answer."""
-        if not isinstance(sys.exc_info()[1], ConnectionError):
-            super().handle_error(request, client_address)
+        """Report an error in one line, but not that a browser has closed its connection before the answer."""
+        error = sys.exc_info()[1]
+        if not isinstance(error, ConnectionError):
+            print(f"rsdeblur: a request failed: {type(error).__name__}: {str(error)!a}", file=sys.stderr)
 
     @property
     def url(self) -> str:
@@ -167,9 +170,9 @@ class _Handler(BaseHTTPRequestHandler):
                 return HTTPStatus.OK, self.server.upload(parse_qs(query).get("name", [""])[0], body)
             form = json.loads(body)
             if not isinstance(form, dict):
-                raise _Refusal(HTTPStatus.BAD_REQUEST, "the form must be an object of JSON")
+                raise TypeError("it must be an object")
             return HTTPStatus.OK, self.server.actions[name](form)
-        except (RsdeblurError, OSError) as error:
+        except RsdeblurError as error:
             return HTTPStatus.UNPROCESSABLE_ENTITY, {"error": str(error)}
         except MemoryError:
             return HTTPStatus.UNPROCESSABLE_ENTITY, {
@@ -177,6 +180,10 @@ class _Handler(BaseHTTPRequestHandler):
             }
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise _Refusal(HTTPStatus.BAD_REQUEST, f"the body is not the JSON of a form: {error}") from error
+        except Exception as error:
+            # Whatever it is, the page shows it.
+            text = f"the app failed ({type(error).__name__}: {error}); try again, or use rsdeblur deblur"
+            return HTTPStatus.INTERNAL_SERVER_ERROR, {"error": text}
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
         """Send an error as plain text, and close the connection: the body may not have been read."""

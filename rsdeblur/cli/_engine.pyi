@@ -6,12 +6,10 @@ from rsdeblur._util.memory import keep as keep
 from rsdeblur._util.threads import thread_count as thread_count
 from rsdeblur._util.workers import Failure as Failure
 from rsdeblur._util.workers import run as run
-from rsdeblur.app import Basis as Basis
-from rsdeblur.app import Crop as Crop
+from rsdeblur.app import Desk as Desk
+from rsdeblur.app import Engine as Engine
 from rsdeblur.app import LocalServer as LocalServer
 from rsdeblur.app import app_page as app_page
-from rsdeblur.app import derive_basis as derive_basis
-from rsdeblur.app import solve_crop as solve_crop
 from rsdeblur.burst.burst import MOST_FRAMES as MOST_FRAMES
 from rsdeblur.burst.burst import BurstResult as BurstResult
 from rsdeblur.burst.burst import deblur_burst as deblur_burst
@@ -25,6 +23,7 @@ from rsdeblur.estimate.time_offset import OffsetSearch as OffsetSearch
 from rsdeblur.estimate.time_offset import find_time_offset as find_time_offset
 from rsdeblur.image.encoded import as_float as as_float
 from rsdeblur.image.encoded import check_size as check_size
+from rsdeblur.image.encoded import display_values as display_values
 from rsdeblur.image.encoded import warn_of_encoded_floats as warn_of_encoded_floats
 from rsdeblur.image.transfer import from_linear as from_linear
 from rsdeblur.image.transfer import to_linear as to_linear

@@ -282,12 +282,6 @@ def transfer_of(picture: rs.Picture, transfer: Transfer | Auto) -> Transfer:
     return picture.transfer
 
 
-def display_values(pixels: rs.NDArray[Any], transfer: Transfer) -> rs.NDArray[Any]:
-    """Return values for display, integers divided by their full scale, clipped to [0, 1]; linear light becomes sRGB."""
-    clipped = rs.as_float(pixels).clip(0.0, 1.0)
-    return rs.from_linear(clipped, "srgb") if transfer == "linear" else clipped
-
-
 @contextmanager
 def naming(file: Path | str | None, recording: Recording | None = None) -> Iterator[None]:
     """Put the name of the file at fault before errors of a computation, unless they begin with it.

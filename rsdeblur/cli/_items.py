@@ -13,10 +13,9 @@ from typing import Any
 
 import click
 
-from rsdeblur._util.files import read_file
+from rsdeblur._util.files import file_state, read_file
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._options import FILES, MANY, ONE_OF_MANY, Recording, refuse_given
-from rsdeblur.cli._output import file_state
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import FileFormatError, InputError
 

@@ -9,9 +9,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+from rsdeblur._util.files import FileState, file_state
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._options import Recording
-from rsdeblur.cli._output import FileState, capture_warnings, file_state, warn
+from rsdeblur.cli._output import capture_warnings, warn
 
 # Angle (rad) from which gravity does not point to the bottom of a picture, and that from which it points to its top.
 ASIDE, TOP = math.radians(50), math.radians(130)

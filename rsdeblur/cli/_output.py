@@ -26,6 +26,7 @@ from typing import Any
 import click
 
 from rsdeblur._util.atomic import atomic_write, check_target
+from rsdeblur._util.files import file_state
 from rsdeblur.cli import _engine as rs
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 
@@ -42,7 +43,6 @@ PAGES = {
     r"\baxes\b|imu_to_camera|--imu\b": "camera-file#imu_to_camera",
     r"--gyro('|( and --camera)? missing|$)|unknown gyro log format|no gyro (data|samples)": "formats#gyro-logs",
 }
-FileState = tuple[int, ...] | None
 # Errors that end one of several jobs alone.
 FAILURES = RsdeblurError, click.UsageError, OSError
 
@@ -157,15 +157,6 @@ def tolerate_output() -> None:
     """Escape characters that the encoding of stdout lacks from now on; stderr does so anyway."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
-
-
-def file_state(path: Path) -> FileState:
-    """Return numbers that change when a file does; None if there is no such file, which its reader reports."""
-    try:
-        facts = path.stat()
-    except (OSError, ValueError):
-        return None
-    return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
 
 
 def refuse_inputs(output: Path) -> None:

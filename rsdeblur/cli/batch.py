@@ -15,7 +15,7 @@ from typing import Any
 import click
 
 from rsdeblur._util.atomic import remove_unfinished
-from rsdeblur._util.files import read_file
+from rsdeblur._util.files import file_state, read_file
 from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
@@ -25,7 +25,6 @@ from rsdeblur.cli._output import (
     arranged,
     capture_warnings,
     compiling,
-    file_state,
     level,
     linked,
     prepare_folder,

@@ -12,7 +12,7 @@ import click
 
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import display_values, naming, photo_gravity, read_clip, read_inputs, transfer_of
+from rsdeblur.cli._inputs import naming, photo_gravity, read_clip, read_inputs, transfer_of
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._options import CLIP, ONE_OF_MANY, SOLVE, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import capture_warnings, progress
@@ -151,8 +151,8 @@ def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: rs.Burst
         {"photo": str(photo), "modes": {label: facts}},
         *(picture, shots.log, shots.camera, shots.exposures[index]),
         {
-            f"frame {facts['reference']}": display_values(picture.pixels, transfer),
-            label: display_values(result.image, transfer),
+            f"frame {facts['reference']}": rs.display_values(picture.pixels, transfer),
+            label: rs.display_values(result.image, transfer),
         },
         {label: result.result.psfs},
         transfer,

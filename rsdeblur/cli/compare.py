@@ -12,7 +12,7 @@ import click
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import display_values, transfer_of
+from rsdeblur.cli._inputs import transfer_of
 from rsdeblur.cli._options import Command, Recording, Target, option
 from rsdeblur.cli._output import capture_warnings, prepare_folder, print_json, print_table, progress, say, write_json
 from rsdeblur.cli._photo import Prepared, moment_facts, prepare, stopwatch
@@ -96,7 +96,7 @@ def compare_modes(
         sharp = None if truth is None else _read_truth(truth, photo, picture, options.transfer)
         # Options that a mode does not take are refused before the first mode is solved.
         each_mode = {mode: _options.changed(ready.options, mode=mode) for mode in modes}
-        shown = {"input": display_values(picture.pixels, transfer)}
+        shown = {"input": rs.display_values(picture.pixels, transfer)}
         report: dict[str, Any] = {"photo": str(photo), "size_px": list(picture.pixels.shape[1::-1])}
         report |= moment_facts(recording, ready.inputs)
         if sharp is not None:
@@ -139,7 +139,7 @@ def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options]
             # A plan of its own, so that a mode does not keep the memory of another one's solver.
             result = rs.Plan(planned.frame, planned.capture, chosen).apply(picture.pixels, progress=move)
         rs.write_picture(target.output / name, result.image, like=picture, force=target.force)
-        compared.shown[mode], banks[mode] = display_values(result.image, compared.transfer), result.psfs
+        compared.shown[mode], banks[mode] = rs.display_values(result.image, compared.transfer), result.psfs
         compared.report["modes"][mode] = rs.result_facts(result, target.output / name, chosen.prior_name, watch[0])
         unseen = 1.0 - float(result.coverage.mean())
     return compared._replace(banks=banks, unseen=unseen, recorded=recorded)
@@ -152,7 +152,7 @@ def _read_truth(truth: Path, photo: Path, picture: rs.Picture, transfer: Transfe
             f"{truth}: the true picture has shape {sharp.pixels.shape}, but {photo} has {picture.pixels.shape}; "
             "give one of the same size and channels"
         )
-    return display_values(sharp.pixels, transfer_of(sharp, transfer))
+    return rs.display_values(sharp.pixels, transfer_of(sharp, transfer))
 
 
 def _draw(

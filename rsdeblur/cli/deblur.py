@@ -26,7 +26,8 @@ Examples:
 """
 
 
-def _sharp(photos: tuple[Path, ...], **_: Any) -> Path:
+def default_output(photos: tuple[Path, ...], **_: Any) -> Path:
+    """Return where the results of photos go if no option says so."""
     if len(photos) > 1:
         return _options.beside(photos[0].parent, SHARP)
     name = result_name(photos[0])
@@ -50,7 +51,7 @@ def _sharp(photos: tuple[Path, ...], **_: Any) -> Path:
     "OUT|DIR",
     "Picture to write; by default PHOTO-sharp beside it. Or a folder, for several photos by default that of the first "
     "one with -sharp after its name.",
-    default=_sharp,
+    default=default_output,
     more=("dry_run",),
 )
 def command(

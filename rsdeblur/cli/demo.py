@@ -118,7 +118,7 @@ def command(size: tuple[int, int], seed: int, kind: str, target: Target) -> None
     compared = [*output_names(output / "blurred.png"), REPORT] if kind == "capture" else []
     prepare_folder(output, [*names, *compared], force=force)
     with progress("simulate"):
-        _write(kind, size, seed, output, force=force)
+        write_files(kind, size, seed, output, force=force)
     if kind == "capture":
         # From here on, the demo uses the files as a user does.
         blurred, rolling, gyro, camera = (output / name for name in ("blurred.png", "rolling.png", CAPTURE_LOG, CAMERA))
@@ -161,7 +161,7 @@ def _command(kind: str, folder: Path) -> list[str]:
     return ["deblur", str(folder / "blurred.png"), *sources, *moment, "-o", str(folder / "again.png")]
 
 
-def _write(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: bool) -> None:
+def write_files(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: bool) -> None:
     """Simulate, and write the files that a user would have; of a single capture, the truth too."""
     session = KINDS[kind]
     if kind == "video":

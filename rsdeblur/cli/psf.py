@@ -9,7 +9,7 @@ import click
 
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import display_values, transfer_of
+from rsdeblur.cli._inputs import transfer_of
 from rsdeblur.cli._options import Command, Recording, Target, option
 from rsdeblur.cli._output import check_output, progress
 from rsdeblur.cli._photo import prepare
@@ -46,7 +46,7 @@ def command(recording: Recording, options: Options, photo: Path | None, bank: Pa
         kernels, paths, _ = ready.kernels()
         if output is not None:
             with ready.naming:
-                under = None if photo is None else display_values(picture.pixels, transfer_of(picture, "auto"))
+                under = None if photo is None else rs.display_values(picture.pixels, transfer_of(picture, "auto"))
                 drawing = rs.psf_map(kernels, (camera.height, camera.width), picture=under)
             rs.write_picture(output, drawing, force=target.force)
     if bank is not None:

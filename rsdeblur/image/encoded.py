@@ -257,6 +257,12 @@ def as_float(values: NDArray[Any]) -> NDArray[np.float32]:
     return scaled
 
 
+def display_values(pixels: NDArray[Any], transfer: Transfer) -> NDArray[Any]:
+    """Return values for display, integers divided by their full scale, clipped to [0, 1]; linear light becomes sRGB."""
+    clipped = as_float(pixels).clip(0.0, 1.0)
+    return from_linear(clipped, "srgb") if transfer == "linear" else clipped
+
+
 def _stored(
     light: NDArray[np.float32], transfer: Transfer, clip: bool, dtype: np.dtype[Any]
 ) -> tuple[NDArray[Any], bool]:
