@@ -32,7 +32,7 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.report.drawings import bank_data, picture_uris
-from rsdeblur.report.figures import readout_data
+from rsdeblur.report.facts import readout_data
 from rsdeblur.types import Progress
 
 # Bytes of a camera file that is kept for the next start; videos contain cameras too.
