@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
+from rsdeblur import Camera, Exposure, GyroLog, triage
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
 from rsdeblur.report import psf_map, side_by_side
 from rsdeblur.report.drawings import LONG_SIDE, TITLE
+from rsdeblur.report.timeline import timeline_svg
 
 
 def bank(bands: int, strips: int, size: tuple[int, int] = (9, 15)) -> PsfBank:
@@ -57,3 +60,18 @@ def test_side_by_side_refuses_unlike_sizes_and_shapes() -> None:
         side_by_side({"a": np.zeros((60, 80), np.float32), "b": np.zeros((61, 80), np.float32)})
     with pytest.raises(InputError, match="shape"):
         side_by_side({"a": np.zeros(5, np.float32)})
+
+
+def test_the_timeline_has_a_dot_for_each_exposure() -> None:
+    exposures = [Exposure(0.2, 0.01), Exposure(1.2, 0.1), Exposure(5.0, 0.1)]
+    t, camera = np.arange(0.0, 2.0, 0.005), Camera(160, 120, 400.0)
+    # A turn of 1 rad/s about the y axis until 1 s, then rest.
+    log = GyroLog(t, np.where(t < 1.0, 1.0, 0.0)[:, None] * [0.0, 1.0, 0.0])
+    root = ElementTree.fromstring(timeline_svg([0.0, 1.0, None], triage(log, camera, exposures)))
+    dots = [dot for dot in root.iter() if dot.tag.endswith("circle") and dot.get("r") == "2.5"]
+    assert len(dots) == 2
+    assert float(dots[0].get("cx")) < float(dots[1].get("cx"))
+    # Higher is more.
+    assert float(dots[0].get("cy")) < float(dots[1].get("cy"))
+    # Nothing to draw is no error.
+    ElementTree.fromstring(timeline_svg([], triage(log, camera, [])))
