@@ -174,7 +174,9 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
     bad = refuted or not ringing <= RINGING.bad or turn > TURN.bad
     unfit = f"The motion {'does' if bad else 'may'} not fit."
     sentences = list(reasons)
-    if lead < LEAD.doubtful and other:
+    # Edges of one direction look like a straight blur; where half a turn makes the picture clearly worse, they are that.
+    edges = check.alternative == "straight" and lead >= LEAD.bad and turn < TURN.clear
+    if lead < LEAD.doubtful and other and not edges:
         sentences.append(f"{unfit} The picture is explained better by {other.hint}")
     if turn > TURN.doubtful:
         sentences.append(
