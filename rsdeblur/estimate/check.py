@@ -131,7 +131,7 @@ def assess(
     check = QualityCheck("cannot tell", (), None, None, ringing, None, None, None, None, (), ringings)
     if evidence.tiles is None:
         return _with_verdict(check, evidence.unknown)
-    figures = evidence.tiles.compare(result, resampled=resampled, threads=threads)
+    gain, detail, residual = evidence.tiles.compare(result, resampled=resampled, threads=threads)
     scores = evidence.scores
     means = {name: float(score.mean()) for name, score in scores.items()}
     harmful = {name: mean for name, mean in means.items() if not ALTERNATIVES[name].is_harmless}
@@ -141,7 +141,9 @@ def assess(
         check,
         lead=means[alternative],
         alternative=alternative,
-        **figures,
+        noise_gain=gain,
+        detail=detail,
+        residual=residual,
         half_turn=evidence.half_turn,
         leads=tuple(map(float, np.min([scores[name] for name in harmful], axis=0))),
     )
@@ -174,7 +176,7 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
     bad = refuted or not ringing <= RINGING.bad or turn > TURN.bad
     unfit = f"The motion {'does' if bad else 'may'} not fit."
     sentences = list(reasons)
-    # Edges of one direction look like a straight blur; where half a turn makes the picture clearly worse, they are that.
+    # Edges of one direction look like a straight blur. They are that where half a turn makes the picture clearly worse.
     edges = check.alternative == "straight" and lead >= LEAD.bad and turn < TURN.clear
     if lead < LEAD.doubtful and other and not edges:
         sentences.append(f"{unfit} The picture is explained better by {other.hint}")

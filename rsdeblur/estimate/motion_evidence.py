@@ -178,16 +178,16 @@ class CheckTiles:
         }
         return scores, self._step * lines[line]
 
-    def compare(self, result: EncodedImage, *, resampled: bool, threads: int | None) -> dict[str, float | None]:
+    def compare(
+        self, result: EncodedImage, *, resampled: bool, threads: int | None
+    ) -> tuple[float | None, float | None, float | None]:
         """Return noise gain, detail and residual of the result, see :class:`rsdeblur.estimate.QualityCheck`."""
         sharp, finest = self._cells(result, threads)
+        gain = noise_level(_mosaic(finest)[..., None]) / self._noise if self._noise > 0 else None
         # White noise has the same variance in all pixels, and twice that in each difference.
         left = _gradient(self._blurred) - 4 * (self._noise / self._step) ** 2
-        return {
-            "noise_gain": noise_level(_mosaic(finest)[..., None]) / self._noise if self._noise > 0 else None,
-            "detail": _gradient(sharp) / left if left > 0 else None,
-            "residual": None if resampled else self._residual(sharp),
-        }
+        detail = _gradient(sharp) / left if left > 0 else None
+        return gain, detail, None if resampled else self._residual(sharp)
 
     def _residual(self, sharp: NDArray[np.float32]) -> float | None:
         """Return the residual in the inner parts of the tiles, whose blur needs no pixels outside."""

@@ -65,7 +65,7 @@ def keep_colours_near_clipped(
     beyond = np.concatenate([DARKER * luma, *[MORE_COLOURED * chroma] * channels], axis=2)
     least, most = low - beyond - np.float32(LEAST_BEYOND), high + beyond + np.float32(LEAST_BEYOND)
     # What is white over a whole PSF was nowhere darker.
-    psf = [-(-length // cell) for length, cell in zip(size, step, strict=True)]
+    psf = tuple(-(-length // cell) for length, cell in zip(size, step, strict=True))
     whole = ndimage.grey_opening((lowest[..., 0] >= WHITE).view(np.uint8), psf, mode="nearest") > 0
     least[whole, 0] = lowest[whole, 0]
     # Nothing says how bright clipped light was at most.
