@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,9 @@ from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.types import FloatArray
+
+# Samples of the path of a straight blur.
+LINE_SAMPLES = 129
 
 
 @one_line()
@@ -115,7 +119,8 @@ class PsfBank:
         Parameters
         ----------
         kernels : array_like, shape (B, S, kh, kw), or (B, kh, kw), or (kh, kw)
-            See :class:`PsfBank`.
+            See :class:`PsfBank`. Each may have any positive sum, by which it is divided, and any size: an even one gets
+            a row or column of zeros at its end.
         shape : tuple of int
             Shape of the picture, (H, W) or (H, W, C). The kernels are exact at the centres of B x S equal tiles.
 
@@ -128,8 +133,53 @@ class PsfBank:
         InputError
             If the kernels are invalid, see :class:`PsfBank`, or `shape` is not 2 or 3 whole numbers of at least 1.
         """
-        grid, (height, width, *_) = _kernels(kernels), validate.shape(shape)
+        values, (height, width, *_) = validate.real_array("kernels", kernels), validate.shape(shape)
+        if values.ndim >= 2 and values.size:
+            sums = values.sum(axis=(-2, -1), keepdims=True)
+            if not (sums > 0).all():  # not a number, too
+                raise InputError(f"the sum of a PSF must be positive, found {sums.min():g}")
+            odd = [(0, 0)] * (values.ndim - 2) + [(0, 1 - n % 2) for n in values.shape[-2:]]
+            values = np.pad(values / sums, odd)
+        grid = _kernels(values)
         return cls(grid, tile_centres(grid.shape[0], height), tile_centres(grid.shape[1], width))
+
+    @classmethod
+    def from_field(cls, u: ArrayLike, v: ArrayLike, *, tile: int = 32) -> PsfBank:
+        """Return the bank of a field of straight blurs, a line for each pixel, as networks estimate it.
+
+        Parameters
+        ----------
+        u, v : array_like, shape (H, W)
+            Length of the blur of each pixel along x and along y, px. A line has no sign, so (u, v) and (-u, -v) are the
+            same.
+        tile : int, default 32
+            Side of the tiles, px, over which lines are averaged: lengths, and double angles.
+
+        Returns
+        -------
+        PsfBank
+
+        Raises
+        ------
+        InputError
+            If a value is not finite, the shapes differ, or `tile` is less than 1.
+        """
+        across = validate.real_array("u", u)
+        lines = across + 1j * validate.real_array("v", v, across.shape)
+        height, width = validate.shape(across.shape)
+        side = validate.count("tile", tile, maximum=validate.MOST_VALUES)
+        bands, strips = -(-height // side), -(-width // side)
+        starts = [np.arange(tiles) * length // tiles for tiles, length in ((bands, height), (strips, width))]
+
+        def sums(values: NDArray[Any]) -> NDArray[Any]:
+            return np.add.reduceat(np.add.reduceat(values, starts[0], axis=0), starts[1], axis=1)
+
+        lengths = sums(np.abs(lines)) / sums(np.ones(lines.shape))
+        mean = lengths * np.exp(0.5j * np.angle(sums(lines**2)))
+        ends = np.stack([mean.real, mean.imag], axis=-1)
+        moments = np.linspace(-0.5, 0.5, LINE_SAMPLES)[:, None]
+        paths = BlurPaths(moments * ends[:, :, None], tile_centres(bands, height), tile_centres(strips, width))
+        return cls.from_paths(paths)
 
     @property
     def centres(self) -> FloatArray:

@@ -122,3 +122,15 @@ class TestFile:
         for path in (tmp_path / "none.npz", tmp_path):
             with pytest.raises(FileFormatError, match="cannot read the PSF bank: "):
                 PsfBank.load(path)
+
+
+def test_a_field_of_lines_has_no_signs() -> None:
+    """A line of each pixel: its length and direction, whichever end comes first."""
+    sign = np.random.default_rng(0).choice([-1, 1], (70, 90))
+    bank = PsfBank.from_field(9 * sign, -4 * sign, tile=32)
+    assert bank.kernels.shape[:2] == (3, 3)
+    line = PsfBank.from_field(np.full((70, 90), 9), np.full((70, 90), -4), tile=90)
+    # Averaged exactly but for the rounding of angles.
+    np.testing.assert_allclose(bank.kernels, np.broadcast_to(line.kernels, bank.kernels.shape), atol=1e-5)
+    y, x = np.nonzero(bank.kernels[0, 0] > 0.01)
+    assert np.polyfit(x - x.mean(), y - y.mean(), 1)[0] == pytest.approx(-4 / 9, abs=0.05)  # pixels of a line

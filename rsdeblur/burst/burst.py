@@ -206,9 +206,11 @@ def deblur_burst(
     with clock.stage("psfs"):
         solution = BurstSolution.of(burst, chosen)
     coverage, meter = solution.run(upright, clock)
-    first, capture = burst.reference.encoded, burst.reference.alignment.capture
-    evidence = partial(MotionEvidence.of, first, capture, threads=chosen.threads)
-    check = judged(first, upright, evidence, meter, chosen, clock)
+    first, used = burst.reference.encoded, [burst.frames[n] for n in burst.used]
+    pairs = [(each.encoded, each.alignment.capture) for each in used]
+    check = judged(
+        first, upright, partial(MotionEvidence.of_burst, pairs, threads=chosen.threads), meter, chosen, clock
+    )
     bank, strengths = solution.bank, solution.strengths
     shares = dict(zip(burst.used, solution.shares, strict=True))
     return BurstResult(

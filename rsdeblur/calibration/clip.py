@@ -28,7 +28,7 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.types import FloatArray, Progress
 
 # Least number of pairs of frames.
-LEAST_PAIRS = 8
+LEAST_PAIRS = 5
 # Mountings with an offset that are fitted before the best of them is chosen, and matches of a pair that suffice for it.
 CANDIDATES, FEW = 8, 20
 # Margin of the log around a pair, s, within which the offset may move in the fit.

@@ -151,6 +151,10 @@ LEAST_NOISE = 0.02
 # Windows on one thing err alike in all frames that show it, and so do neighbouring windows. Over 24 simulated clips,
 # errors of the parameters were 1.5 to 2.2 times the deviations of a fit that takes them as independent.
 TEXTURE = 2.0
+# Largest bias of a gyro that counts as usual, and the standard deviation of what exceeds it, rad/s: else the steady
+# shift of a near scene, as from a driving car, passes for a bias. A prior that pulled small biases to 0 would leave
+# them to the shared errors.
+USUAL_BIAS, BEYOND_SD = 0.06, 0.02
 # Largest correlation of the shared errors of neighbouring pairs, and pairs over which others last, about 0.1 s.
 MOST_CORRELATION, LAG = 0.99, 4
 
@@ -267,11 +271,19 @@ def fit_clip(
     def at(x: FloatArray) -> Parameters:
         return start._replace(**dict(zip(free, (x * units).tolist(), strict=True)))
 
+    is_bias = np.array([name.startswith("bias") for name in free])
+
+    def beyond(x: FloatArray) -> FloatArray:
+        """Return by how much each bias exceeds the usual, with its sign, in standard deviations; 0 for the others."""
+        excess: FloatArray = np.sign(x) * np.maximum(np.abs(x * units) - USUAL_BIAS, 0.0) * is_bias / BEYOND_SD
+        return excess
+
     def whitened(x: FloatArray, errors: PairErrors) -> FloatArray:
-        return errors.whiten(model.residuals(at(x)))
+        return np.concatenate([errors.whiten(model.residuals(at(x))), beyond(x)])
 
     def slopes(x: FloatArray, errors: PairErrors) -> FloatArray:
-        return errors.whiten(model.jacobian(at(x), free))
+        prior = np.diag(units / BEYOND_SD * (beyond(x) != 0))
+        return np.concatenate([errors.whiten(model.jacobian(at(x), free)), prior])
 
     x = np.array([getattr(start, name) for name in free]) / units
     for _ in range(rounds):
@@ -286,11 +298,11 @@ def _covariance(jacobian: FloatArray, residuals: FloatArray, pairs: NDArray[np.i
     """Return the covariance times `TEXTURE` squared, of errors that are correlated over `LAG` pairs or independent.
 
     The larger of both counts. The former is the sandwich estimator of Newey and West (1987), whose sums over each pair
-    are correlated with those of its neighbours. `pairs` holds the pair of each row.
+    are correlated with those of its neighbours. `pairs` holds the pair of each row; rows of the prior follow.
     """
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
     sums = np.zeros((pairs[-1] + 1, jacobian.shape[1]))
-    np.add.at(sums, pairs, jacobian * residuals[:, None])
+    np.add.at(sums, pairs, (jacobian * residuals[:, None])[: len(pairs)])
     middle = sums.T @ sums
     for lag in range(1, min(LAG, len(sums) - 1) + 1):
         product = (1.0 - lag / (LAG + 1)) * sums[lag:].T @ sums[:-lag]

@@ -91,13 +91,16 @@ def candidates(
 def ranked(tried: Sequence[Candidate], fits: Sequence[ClipFit], matches: ClipMatches) -> tuple[int, int, float]:
     """Return the places of the best fitted candidate and of its best rival, and the confidence of its mounting.
 
-    Candidates are compared by the errors of their points in the `matches` that were fitted, pair by pair.
+    Candidates are compared by the errors of their points in the `matches` that were fitted, pair by pair. Mountings
+    that mirror are for logs with left-handed axes, which are rare: only one that leads counts.
     """
     energy = np.array([(fit.residuals**2).sum(axis=1) for fit in fits])
     scale = np.median(energy, axis=1).min() + 1e-4
     # Log-likelihoods in nats whose tails let wrong points be; all points of a pair together count as one.
     costs = matches.sums(np.log1p(energy / scale).T).T / np.maximum(matches.sums(np.ones(energy.shape[1])), 1.0)
-    best, *others = np.argsort(costs.sum(axis=1)).tolist()
+    sums, mirrors = costs.sum(axis=1), np.array([np.linalg.det(each.mounting) < 0 for each in tried])
+    best = int(np.argmin(sums + LEAST_LEAD * mirrors))
+    others = [i for i in np.argsort(sums).tolist() if i != best and (mirrors[best] or not mirrors[i])]
 
     def same(i: int) -> bool:
         near = abs(fits[i].parameters.offset - fits[best].parameters.offset) < SAME

@@ -127,7 +127,7 @@ def check_sources(context: click.Context, recording: Recording, psf: Path | None
         require(recording, "gyro")
         return
     blur = [each.name for each in fields(Options) if each.metadata.get("section") == BLUR]
-    # Kernels have no half colours, and results are not checked.
+    # Kernels have no half colours, and results no verdict.
     motion = (*ONE_PHOTO, *blur, "chroma", "fallback")
     given = [flag(name) for name in motion if context.get_parameter_source(name) is not ParameterSource.DEFAULT]
     if given:
@@ -161,7 +161,7 @@ def _deconvolve(job: PhotoJob, psf: Path, move: rs.Progress | None) -> dict[str,
     """Deblur one photo with PSFs from a file, which needs neither log nor camera."""
     picture = rs.read_picture(job.photo, in_place=job.options.max_memory is not None)
     bank = rs.read_psfs(psf, picture.pixels.shape)
-    options = replace(job.options, transfer=transfer_of(picture, job.options.transfer), check=False)
+    options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
     with naming(psf):
         rs.check_bank(bank, picture.pixels.shape)
     if job.dry_run:

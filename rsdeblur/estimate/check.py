@@ -15,6 +15,7 @@ import numpy as np
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Verdict
 from rsdeblur.estimate.motion_evidence import SIZES, MotionEvidence
+from rsdeblur.estimate.refine import Refinement
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.undershoot import UndershootMeter
 
@@ -44,8 +45,12 @@ class Alternative(NamedTuple):
 LEAD = Bounds(-1.5, -7.25, clear=2.0)
 RINGING = Bounds(0.045, 0.17)
 TURN = Bounds(0.01, 0.05, clear=-0.03)
-# Residual from which hardly anything of the picture is left in the result; 1 is that of an even result.
-LOST = 0.9
+# Detail below which a result has lost what the blur left, see :class:`QualityCheck`. Better results have more than 0.68
+# with the Wiener filter and 1.3 with other priors, at noise of 40 to 22 dB; fog has less.
+LEAST_DETAIL = 0.65
+# Gain, nats, from which a change of the focal length that refinement refused makes a result doubtful, and the least
+# change; and the change from which an accepted one does. Logarithms of factors.
+REFUSED_GAIN, REFUSED_SCALE, LARGE_SCALE = 10.0, 0.1, 0.223
 
 # If the motion is too small, too little blur is removed, which does little harm. And the edges of man-made things look
 # like a straight blur. Smaller motions leave fewer waves, larger ones more.
@@ -83,6 +88,8 @@ class QualityCheck:
         Light below black that deblurring added, root mean square, as a share of the picture's standard deviation.
     noise_gain : float or None
         Noise of the result over that of the input.
+    detail : float or None
+        Energy of the result's gradient over that of the input's without its noise, both at half size or less.
     residual : float or None
         Difference between the input and the result blurred again, root mean square, as a share of the picture's
         standard deviation; None if the PSF is too large for a tile or the result was straightened.
@@ -103,6 +110,7 @@ class QualityCheck:
     alternative: str | None
     ringing: float
     noise_gain: float | None
+    detail: float | None
     residual: float | None
     half_turn: float | None
     leads: tuple[float, ...]
@@ -120,10 +128,10 @@ def assess(
 ) -> QualityCheck:
     """Check a result, a sharp picture with its readout along y; `resampled` says whether it was straightened."""
     ringing, ringings = meter.ringing()
-    check = QualityCheck("cannot tell", (), None, None, ringing, None, None, None, (), ringings)
+    check = QualityCheck("cannot tell", (), None, None, ringing, None, None, None, None, (), ringings)
     if evidence.tiles is None:
         return _with_verdict(check, evidence.unknown)
-    gain, residual = evidence.tiles.compare(result, resampled=resampled, threads=threads)
+    gain, detail, residual = evidence.tiles.compare(result, resampled=resampled, threads=threads)
     scores = evidence.scores
     means = {name: float(score.mean()) for name, score in scores.items()}
     harmful = {name: mean for name, mean in means.items() if not ALTERNATIVES[name].is_harmless}
@@ -134,6 +142,7 @@ def assess(
         lead=means[alternative],
         alternative=alternative,
         noise_gain=gain,
+        detail=detail,
         residual=residual,
         half_turn=evidence.half_turn,
         leads=tuple(map(float, np.min([scores[name] for name in harmful], axis=0))),
@@ -161,11 +170,15 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
     ringing = check.ringing / (2.0 if clear else 1.0)
     # Ringing is NaN in a result that is not finite.
     other = None if check.alternative is None else ALTERNATIVES[check.alternative]
-    refuted = lead < LEAD.bad and not (other and other.is_harmless)
+    # What looks harmless is no excuse where half a turn and ringing accuse the motion, too.
+    excused = other is not None and other.is_harmless and not (turn > TURN.doubtful and ringing > RINGING.doubtful)
+    refuted = lead < LEAD.bad and not excused
     bad = refuted or not ringing <= RINGING.bad or turn > TURN.bad
     unfit = f"The motion {'does' if bad else 'may'} not fit."
     sentences = list(reasons)
-    if lead < LEAD.doubtful and other:
+    # Edges of one direction look like a straight blur. They are that where half a turn makes the picture clearly worse.
+    edges = check.alternative == "straight" and lead >= LEAD.bad and turn < TURN.clear
+    if lead < LEAD.doubtful and other and not edges:
         sentences.append(f"{unfit} The picture is explained better by {other.hint}")
     if turn > TURN.doubtful:
         sentences.append(
@@ -174,8 +187,19 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
         )
     if ringing > RINGING.doubtful:
         sentences.append(f"The result rings: light below black is {check.ringing:.1%} of the picture's contrast.")
-    if check.residual is not None and check.residual > LOST:
+    if check.detail is not None and check.detail < LEAST_DETAIL:
         sentences.append("The result has lost the picture's detail: are nsr and weight too large?")
     doubtful, unknown = len(sentences) > len(reasons), check.lead is None
     verdict: Verdict = "bad" if bad else "doubtful" if doubtful else "cannot tell" if unknown else "good"
     return replace(check, verdict=verdict, reasons=tuple(sentences))
+
+
+def doubted_by(refinement: Refinement, check: QualityCheck) -> QualityCheck:
+    """Return `check` of a result with a refined recording; what refinement says of the focal length may be doubtful."""
+    scale = refinement.values.scale
+    refused = not refinement.accepted and refinement.gain >= REFUSED_GAIN and abs(scale) >= REFUSED_SCALE
+    large = refinement.accepted and abs(scale) > LARGE_SCALE
+    if check.verdict not in ("good", "cannot tell") or not (refused or large):
+        return check
+    factor = f"The focal length may be wrong: the picture asks for {np.exp(scale):.2f} times the given one"
+    return replace(check, verdict="doubtful", reasons=(*check.reasons, f"{factor}{', but not surely' * refused}."))

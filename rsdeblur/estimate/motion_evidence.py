@@ -91,6 +91,21 @@ class MotionEvidence:
 
         return cls(tiles, "", scores, turn, clearer)
 
+    @classmethod
+    def of_burst(cls, frames: Sequence[tuple[EncodedImage, Capture]], *, threads: int | None = None) -> MotionEvidence:
+        """Measure the frames of a result, the reference first; means of those that say something of their motions."""
+        each = [cls.of(encoded, capture, threads=threads) for encoded, capture in frames]
+        judged = [evidence for evidence in each if evidence.tiles is not None]
+        if each[0].tiles is None or len(judged) == 1:
+            return each[0]
+        return cls(
+            each[0].tiles,
+            "",
+            {name: np.mean([evidence.scores[name] for evidence in judged], axis=0) for name in each[0].scores},
+            float(np.mean([evidence.half_turn for evidence in judged])),
+            lambda names, threads: np.mean([evidence.clearer(names, threads) for evidence in judged], axis=0).tolist(),
+        )
+
 
 class CheckTiles:
     """Some tiles of a picture, reduced by a whole factor and in grey, with the PSFs there."""
@@ -165,11 +180,14 @@ class CheckTiles:
 
     def compare(
         self, result: EncodedImage, *, resampled: bool, threads: int | None
-    ) -> tuple[float | None, float | None]:
-        """Return the noise gain and the residual of the result, see :class:`rsdeblur.estimate.QualityCheck`."""
+    ) -> tuple[float | None, float | None, float | None]:
+        """Return noise gain, detail and residual of the result, see :class:`rsdeblur.estimate.QualityCheck`."""
         sharp, finest = self._cells(result, threads)
         gain = noise_level(_mosaic(finest)[..., None]) / self._noise if self._noise > 0 else None
-        return gain, None if resampled else self._residual(sharp)
+        # White noise has the same variance in all pixels, and twice that in each difference.
+        left = _gradient(self._blurred) - 4 * (self._noise / self._step) ** 2
+        detail = _gradient(sharp) / left if left > 0 else None
+        return gain, detail, None if resampled else self._residual(sharp)
 
     def _residual(self, sharp: NDArray[np.float32]) -> float | None:
         """Return the residual in the inner parts of the tiles, whose blur needs no pixels outside."""
@@ -227,6 +245,11 @@ def _spread(length: int) -> NDArray[np.intp]:
 def _mosaic(cells: NDArray[np.float32]) -> NDArray[np.float32]:
     down, across = cells.shape[:2]
     return cells.swapaxes(1, 2).reshape(down * CELL, across * CELL)
+
+
+def _gradient(cells: NDArray[np.float32]) -> float:
+    """Return the mean energy of the gradient in tiles (B, S, h, w)."""
+    return sum(float(np.square(np.diff(cells, axis=axis)).mean()) for axis in (2, 3))
 
 
 def _lines() -> FloatArray:

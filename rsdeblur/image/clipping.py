@@ -25,6 +25,8 @@ WINDOW = 1.5
 # By how much a result may leave the range of the photo: as a share of the range, below its luma and beyond its
 # chroma, and at least, as the square root of light. (docs/developer/decisions.md)
 DARKER, MORE_COLOURED, LEAST_BEYOND = 1.0, 0.1, 1 / 255
+# Luma, as the square root of light, from which a cell is white: 250 of 255 in sRGB, for JPEG's sake.
+WHITE = 0.978
 # Cells in the length of a PSF, the least size of a cell in px, and the number of cells over which the limits set in.
 CELLS, LEAST_CELL, FADE = 8, 8, 3
 
@@ -62,6 +64,10 @@ def keep_colours_near_clipped(
     # Channels share the widest range of the chroma.
     beyond = np.concatenate([DARKER * luma, *[MORE_COLOURED * chroma] * channels], axis=2)
     least, most = low - beyond - np.float32(LEAST_BEYOND), high + beyond + np.float32(LEAST_BEYOND)
+    # What is white over a whole PSF was nowhere darker.
+    psf = tuple(-(-length // cell) for length, cell in zip(size, step, strict=True))
+    whole = ndimage.grey_opening((lowest[..., 0] >= WHITE).view(np.uint8), psf, mode="nearest") > 0
+    least[whole, 0] = lowest[whole, 0]
     # Nothing says how bright clipped light was at most.
     most[..., 0] = validate.MOST_LIGHT
 

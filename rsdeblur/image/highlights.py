@@ -60,9 +60,9 @@ SPOILED, LIT = 2, 0.03
 ITERATIONS = 8
 # Least divisor in units of light, and standard deviation of the Gaussian that smooths filled pixels, px.
 DARK, SMOOTH = 1e-3, 2.0
-# Share of a picture that small spots cover at most where they are a few glints. By day more of them are white things in
-# the sun, which lose a little (docs/developer/reliability.md).
-MOST_SPOTS = 5e-3
+# Share of a picture that glints cover at most by day. What is more are white things in the sun, which lose a little
+# (docs/developer/reliability.md).
+MOST_SPOTS = 2e-3
 # Median light of a picture below which it is dark: nights of lamps have 0.025, pictures by day 0.09 and more. Distance
 # of the rows and columns that are looked at.
 NIGHT, SPARSE = 0.05, 4
@@ -165,13 +165,15 @@ def small_spots(spots: list[Spot], bank: PsfBank) -> list[Spot]:
     return [spot for spot in spots if _area(spot) <= widest]
 
 
-def are_lights(spots: list[Spot], encoded: EncodedImage) -> bool:
-    """Return whether spots are lamps and glints rather than white things in the sun: they are few, or it is dark."""
+def lights(spots: list[Spot], encoded: EncodedImage) -> list[Spot]:
+    """Return the spots that are lamps and glints rather than white things in the sun: the smallest, or all by night."""
     height, width, channels = encoded.shape
-    if sum(map(_area, spots)) <= MOST_SPOTS * height * width:
-        return True
+    by_size = sorted(spots, key=_area)
+    count = np.searchsorted(np.cumsum(list(map(_area, by_size))), MOST_SPOTS * height * width, "right")
+    if count == len(spots):
+        return spots
     some = EncodedImage(encoded.values[::SPARSE, ::SPARSE, :channels], encoded.transfer)
-    return bool(np.median(some.grey(slice(None))) < NIGHT)
+    return spots if np.median(some.grey(slice(None))) < NIGHT else by_size[:count]
 
 
 def _area(spot: Spot) -> int:

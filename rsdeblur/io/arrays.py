@@ -32,12 +32,8 @@ def read_psfs(path: str | os.PathLike[str], shape: tuple[int, ...]) -> PsfBank:
         values = _grey(values)
     if values.ndim not in (2, 4) or values.size == 0:
         raise FileFormatError(f"{path}: a PSF has shape (kh, kw), PSFs have (B, S, kh, kw), found {values.shape}")
-    sums = values.sum(axis=(-2, -1), keepdims=True)
-    if not (sums > 0).all():  # not a number, too
-        raise FileFormatError(f"{path}: the sum of a PSF must be positive, found {sums.min():g}")
-    odd = [(0, 0)] * (values.ndim - 2) + [(0, 1 - n % 2) for n in values.shape[-2:]]
     try:
-        return PsfBank.for_picture(np.pad(values / sums, odd), shape)
+        return PsfBank.for_picture(values, shape)
     except InputError as error:
         raise FileFormatError(f"{path}: {error}") from error
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -10,8 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import Mode
-from rsdeblur.errors import InputError
+from rsdeblur.deconv.wiener import TileBlur
+from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.image.encoded import EncodedImage, result_like
+from rsdeblur.image.highlights import full_scale
+from rsdeblur.image.transfer import check_transfer, from_linear, to_linear
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.pipeline.solver import PictureSolver, chroma_of
@@ -23,8 +27,13 @@ from rsdeblur.types import Progress
 # Options that describe a motion, or how its picture is solved.
 OF_MOTIONS = (
     *("mode", "bands", "strips", "solver", "chroma", "geometry", "motion"),
-    *("translation", "softness", "refine", "check", "fallback"),
+    *("translation", "softness", "refine", "fallback"),
 )
+# Side of the middle part of a picture that is solved for the check, px; how many sizes of the PSF it must have; and how
+# many times more must be left over to be clear: what is right leaves at most 1.2 times what is wrong.
+CHECKED, SIZES, CLEARLY = 320, 6, 1.5
+# Share of a PSF that its floor may have: a Gaussian that is cut off at 2.7 standard deviations has 0.07.
+FLOOR = 0.1
 
 
 def deconvolve(
@@ -51,14 +60,21 @@ def deconvolve(
         See :func:`rsdeblur.deblur`.
     **options
         `quality`, `prior`, `weight`, `exponent`, `nsr`, `noise`, `border`, `transfer`, `normalize`, `saturation`,
-        `planning`, `threads` and `max_memory` of :class:`rsdeblur.Options`. A border of "auto" is "unknown", but
-        "blend" with ``prior="wiener"`` or `max_memory`. With "periodic", the automatic strengths take it that the
+        `check`, `planning`, `threads` and `max_memory` of :class:`rsdeblur.Options`. A border of "auto" is "unknown",
+        but "blend" with ``prior="wiener"`` or `max_memory`. With "periodic", the automatic strengths take it that the
         picture was blurred so.
 
     Returns
     -------
     DeblurResult
-        The sharp picture, and what was used for it. There is no `check`, which compares the blur with other motions.
+        The sharp picture, and what was used for it, without a verdict.
+
+    Warns
+    -----
+    RsdeblurWarning
+        With `check`, if a PSF is not 0 along its rim, or another encoding or the PSFs turned by half a turn explain the
+        picture clearly better: where they are right, a result blurred again is the picture. Three results of the
+        middle 320 px of it tell.
 
     Raises
     ------
@@ -76,7 +92,7 @@ def deconvolve(
     for name in OF_MOTIONS:
         if name in options:
             raise InputError(f"deconvolve takes no {name}: it has no motion", argument=name)
-    return deconvolve_with(Options(mode="banded", check=False, **options), image, psf, out=out, progress=progress)
+    return deconvolve_with(Options(mode="banded", **options), image, psf, out=out, progress=progress)
 
 
 def deconvolve_with(
@@ -96,6 +112,9 @@ def deconvolve_with(
     encoded = EncodedImage.of(image, options.transfer)
     bank = _bank(psf, encoded.shape)
     check_bank(bank, encoded.shape)
+    if options.check:
+        for remark in _remarks(encoded, bank, options):
+            warnings.warn(remark, RsdeblurWarning, stacklevel=3)
     if bank.displacements is None:
         # Kernels, unlike paths, have no half size.
         options = replace(options, chroma="full")
@@ -119,6 +138,58 @@ def deconvolve_with(
         chroma=chroma_of(options, bank.size, encoded.shape),
         mode=mode_of(bank),
     )
+
+
+def _remarks(encoded: EncodedImage, bank: PsfBank, options: Options) -> list[str]:
+    """Return what a picture says against its encoding and its PSFs; pictures that are small beside PSFs say nothing."""
+    height, width, channels = encoded.shape
+    rows, cols = (slice((n - min(n, CHECKED)) // 2, (n + min(n, CHECKED)) // 2) for n in (height, width))
+    if (floor := _floor(bank.kernels)) > FLOOR:
+        return [
+            f"the PSF is not 0 along its rim; a floor of that value makes {floor:.0%} of it: subtract it, or is the "
+            "picture of the PSF inverted?"
+        ]
+    if SIZES * max(bank.size) > min(rows.stop - rows.start, cols.stop - cols.start):
+        return []
+    part = bank.cut(rows, cols)
+    part = PsfBank(part.kernels, part.rows - rows.start, part.cols - cols.start)
+    turned = replace(part, kernels=part.kernels[..., ::-1, ::-1])
+    # One channel says as much as all.
+    stored = encoded.values[rows, cols, channels // 2].astype(np.float32) / np.float32(full_scale(encoded.values))
+    options = replace(options, quality="balanced", prior=None, weight="auto", nsr="auto", noise="auto")
+    options = replace(options, border="auto", max_memory=None, check=False, transfer=encoded.transfer)
+    own, other = _left(stored, part, options), "srgb" if encoded.transfer == "linear" else "linear"
+    remarks = []
+    if own > CLEARLY * _left(stored, part, replace(options, transfer=other)):
+        remarks.append(
+            f"the PSF fits the picture better with transfer {other}; published kernels often belong to stored values"
+        )
+    if own > CLEARLY * _left(stored, turned, options):
+        remarks.append("the PSF fits the picture better turned by half a turn; try that")
+    return remarks
+
+
+def _floor(kernels: NDArray[np.float32]) -> float:
+    """Return the share of PSFs (B, S, kh, kw) that a floor as high as their rim would be; 0 for lines and boxes."""
+    tall, wide = kernels.shape[2:]
+    rim = np.ones((tall, wide), dtype=np.bool_)
+    rim[1:-1, 1:-1] = False
+    shares = np.median(kernels[..., rim], axis=-1) * tall * wide
+    is_box = kernels.min(axis=(2, 3)) > 0.9 * kernels.max(axis=(2, 3))
+    return 0.0 if rim.all() else float(np.where(is_box, 0.0, shares).max())
+
+
+def _left(stored: NDArray[np.float32], bank: PsfBank, options: Options) -> float:
+    """Return what a result blurred again leaves over of stored values, root mean square.
+
+    Light below black, which only wrong PSFs and encodings need, has been removed from the result.
+    """
+    sharp, transfer = deconvolve_with(options, stored, bank).image, check_transfer(options.transfer)
+    blurred = TileBlur(bank, sharp.shape, threads=options.threads).forward(to_linear(sharp, transfer))
+    tall, wide = bank.size
+    inner = np.s_[tall:-tall, wide:-wide]
+    again = from_linear(blurred[inner].clip(0, None), transfer)
+    return float(np.sqrt(np.square(again - stored[inner])[stored[inner] < 1].mean()))
 
 
 def _bank(psf: ArrayLike | PsfBank, shape: tuple[int, ...]) -> PsfBank:

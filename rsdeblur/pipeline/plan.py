@@ -15,7 +15,7 @@ from rsdeblur._util.one_line import html_with_picture, one_line
 from rsdeblur._util.threads import beside
 from rsdeblur.choices import Chroma, Mode, Transfer
 from rsdeblur.errors import InputError, RsdeblurWarning
-from rsdeblur.estimate.check import QualityCheck
+from rsdeblur.estimate.check import QualityCheck, doubted_by
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.refine import Refinement, refine
 from rsdeblur.image.encoded import EncodedImage, check_size, result_like
@@ -190,6 +190,8 @@ class Plan:
             coverage = solve_chunks(split, upright, solver, clock, light=light, meter=judging, capture=self.capture)
             del light
             check = judged(encoded, upright, evidence, meter, self.options, clock)
+        if check is not None and self.refinement is not None:
+            check = doubted_by(self.refinement, check)
         bands, strips = bank.kernels.shape[:2]
         mode = self.options.mode_in_effect
         return DeblurResult(

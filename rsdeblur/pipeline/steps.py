@@ -17,7 +17,7 @@ from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.clipping import keep_colours_near_clipped
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.image.highlights import HighlightSplit, are_lights, find_spots, separate_highlights, small_spots
+from rsdeblur.image.highlights import HighlightSplit, find_spots, lights, separate_highlights, small_spots
 from rsdeblur.image.transfer import normalized
 from rsdeblur.image.undershoot import UndershootMeter, fade_undershoot
 from rsdeblur.motion.paths import Capture
@@ -49,7 +49,7 @@ def split_highlights(
 ) -> list[HighlightSplit]:
     """Separate the clipped highlights of frames of one scene, if the options request it and there are any.
 
-    A saturation of "auto" decides for all frames alike. PSFs are drawn for frames with clipped pixels only.
+    A saturation of "auto" takes all spots of several frames or none. Only frames with clipped pixels need PSFs.
     """
     whole = [HighlightSplit(encoded) for encoded in frames]
     if options.saturation_in_effect == "ignore":
@@ -59,9 +59,11 @@ def split_highlights(
         for spots, blur in zip(map(find_spots, frames), blurs, strict=True)
     ]
     small = [([] if psfs is None else small_spots(spots, psfs), psfs) for spots, psfs in found]
-    alike = zip(small, frames, strict=True)
-    if options.saturation_in_effect == "auto" and not all(are_lights(spots, encoded) for (spots, _), encoded in alike):
-        return whole
+    if options.saturation_in_effect == "auto":
+        few = [(lights(spots, encoded), psfs) for (spots, psfs), encoded in zip(small, frames, strict=True)]
+        if len(frames) > 1 and any(len(a) < len(b) for (a, _), (b, _) in zip(few, small, strict=True)):
+            return whole
+        small = few
     for n, (spots, psfs) in enumerate(small):
         if spots and psfs is not None:
             with clock.stage("highlights"):

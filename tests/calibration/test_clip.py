@@ -111,7 +111,7 @@ def test_too_few_frames_are_refused(clip):
     frames, log, _ = clip
     result = calibrate(frames[:4], EXPOSURES[:4], log, START)
     assert (result.accepted, result.pairs) == (False, 3)
-    assert "8 are needed" in result.reason
+    assert "5 are needed" in result.reason
 
 
 def test_frames_without_detail_are_refused(clip):

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Camera, Exposure, InputError, deblur, simulate
+from rsdeblur import Camera, Correction, Exposure, InputError, deblur, simulate
+from rsdeblur.estimate import Refinement
+from rsdeblur.estimate.check import doubted_by
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.pipeline.steps import fall_back
 from rsdeblur.simulation.scene import scene
@@ -56,6 +58,34 @@ def test_the_right_motion_is_good_and_a_wrong_one_bad(restored):
     assert good.ringing < bad.ringing
     # Blurred again, the right result is much nearer to the input than 1, the contrast of the input.
     assert good.residual < 0.25
+
+
+@pytest.mark.parametrize("weight", [1.0, 10.0])
+def test_fog_is_not_good(capture, weight):
+    check = deblur(*capture, weight=weight, chroma="full").check
+    assert check.verdict == "doubtful"
+    # Measured: 0.05 and 0.02; the right weight has 5.0.
+    assert check.detail < 0.5
+    assert "lost" in check.reasons[-1]
+
+
+@pytest.mark.parametrize(
+    ("accepted", "gain", "factor", "verdict"),
+    [
+        (True, 30.0, 1.2, "good"),
+        (True, 30.0, 1.4, "doubtful"),
+        (True, 30.0, 0.7, "doubtful"),
+        (False, 30.0, 1.2, "doubtful"),
+        (False, 3.0, 1.2, "good"),
+        (False, 30.0, 1.0, "good"),
+    ],
+)
+def test_a_focal_length_in_doubt_makes_a_result_doubtful(restored, accepted, gain, factor, verdict):
+    values = Correction(scale=float(np.log(factor)))
+    found = Refinement(*RECORDING, None, accepted, "", values, Correction(), 0.5, gain, 0.02)
+    check = doubted_by(found, restored(right=True).check)
+    assert check.verdict == verdict
+    assert bool(check.reasons) == (verdict == "doubtful")
 
 
 def test_half_a_turn_is_found_though_spectra_are_the_same():

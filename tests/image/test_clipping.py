@@ -38,6 +38,18 @@ def test_colours_beside_clipped_pixels_are_those_of_the_photo() -> None:
     np.testing.assert_array_equal(limited[bright], sharp[bright])
 
 
+def test_what_is_white_over_a_whole_psf_gets_no_darker() -> None:
+    sharp, photo = pictures()
+    # A white stripe that is narrower than the PSF says nothing.
+    photo[:, 96:104] = 255
+    limited = sharp.copy()
+    keep_colours_near_clipped(limited, EncodedImage(photo, "srgb"), 0, SIZE)
+    luma = np.copysign(np.sqrt(np.abs(limited)), limited).mean(axis=2)
+    # The limit fades from the centre of the last white cell on. Limited chroma adds up to less than a step of 8 bits.
+    assert luma[:, :20].min() >= 1 - 1 / 255
+    assert luma[:, 96:104].min() < 0.9
+
+
 def test_a_photo_without_clipped_pixels_is_not_touched() -> None:
     sharp, photo = pictures()
     limited = sharp.copy()

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
-from rsdeblur import Camera, Exposure, PsfBank, deblur, deconvolve, simulate
+from rsdeblur import Camera, Exposure, PsfBank, RsdeblurWarning, deblur, deconvolve, simulate
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 from tests.installed import PRIORS
@@ -78,13 +80,40 @@ def test_formats_highlights_and_chunks(pictures: tuple[np.ndarray, np.ndarray]) 
     stored = np.rint(255 * pictures[1].clip(0, 1)).astype(np.uint8)
     stored[60:64, 60:64] = 255
     out = np.empty_like(stored)
-    whole = deconvolve(stored, KERNEL, prior="wiener", nsr=0.01, saturation="always", out=out)
+    # The values stored are linear light.
+    settings = {"prior": "wiener", "nsr": 0.01, "transfer": "linear"}
+    whole = deconvolve(stored, KERNEL, saturation="always", out=out, **settings)
     assert whole.image is out
     assert "highlights" in whole.timings
     bank = PsfBank.for_picture(np.broadcast_to(KERNEL, (3, 2, *KERNEL.shape)), stored.shape)
-    tiled = deconvolve(stored, bank, prior="wiener", nsr=0.01, max_memory=55 << 20)
-    one = deconvolve(stored, KERNEL, prior="wiener", nsr=0.01, saturation="ignore")
-    # Equal PSFs everywhere; tiles and chunks ring a little at their ends (measured 0.012 in encoded values).
+    tiled = deconvolve(stored, bank, max_memory=55 << 20, **settings)
+    one = deconvolve(stored, KERNEL, saturation="ignore", **settings)
+    # Equal PSFs everywhere; tiles and chunks ring a little at their ends (measured 0.012).
     assert error(tiled.image, one.image) < 0.02
     grey = deconvolve(pictures[1][..., 0], KERNEL, prior="wiener", nsr=0.01, border="periodic").image
     assert grey.shape == pictures[1].shape[:2]
+
+
+def test_what_speaks_against_kernel_and_encoding_is_said(pictures: tuple[np.ndarray, np.ndarray]) -> None:
+    """Nothing is said of the right ones; a wrong encoding, half a turn and a floor are named, and `check` ends that."""
+    blurred = pictures[1].clip(0, 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        right = deconvolve(blurred, KERNEL, transfer="linear")
+        unchecked = deconvolve(blurred, KERNEL[::-1, ::-1], transfer="linear", check=False)
+    assert right.check is unchecked.check is None
+    for words, kernel, transfer in (
+        ("transfer linear", KERNEL, "srgb"),
+        ("turned", KERNEL[::-1, ::-1], "linear"),
+        ("rim", KERNEL + 0.01, "linear"),
+        ("inverted", KERNEL.max() - KERNEL, "linear"),
+    ):
+        with pytest.warns(RsdeblurWarning, match=words):
+            deconvolve(blurred, kernel, transfer=transfer)
+
+
+def test_sums_and_even_sizes_of_kernels_do_not_matter(pictures: tuple[np.ndarray, np.ndarray]) -> None:
+    whole = deconvolve(pictures[1], KERNEL, transfer="linear", check=False).image
+    scaled = deconvolve(pictures[1], 3 * KERNEL[:, :-1], transfer="linear", check=False).image
+    # Rounding of the kernel.
+    np.testing.assert_allclose(scaled, whole, atol=1e-5)
