@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.choices import Mode
+from rsdeblur.choices import Mode, Transfer
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.image.encoded import EncodedImage, result_like
@@ -158,7 +158,8 @@ def _remarks(encoded: EncodedImage, bank: PsfBank, options: Options) -> list[str
     stored = encoded.values[rows, cols, channels // 2].astype(np.float32) / np.float32(full_scale(encoded.values))
     options = replace(options, quality="balanced", prior=None, weight="auto", nsr="auto", noise="auto")
     options = replace(options, border="auto", max_memory=None, check=False, transfer=encoded.transfer)
-    own, other = _left(stored, part, options), "srgb" if encoded.transfer == "linear" else "linear"
+    other: Transfer = "srgb" if encoded.transfer == "linear" else "linear"
+    own = _left(stored, part, options)
     remarks = []
     if own > CLEARLY * _left(stored, part, replace(options, transfer=other)):
         remarks.append(
