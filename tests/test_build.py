@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import rsdeblur
-from rsdeblur.errors import InputError
+from rsdeblur import InputError
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = Path(rsdeblur.__file__).parent

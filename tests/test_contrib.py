@@ -1,7 +1,5 @@
 """Scripts for other programs: darktable's export target, run by Lua with a stand-in for darktable."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The documentation: commands run as printed, and links have targets."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess

@@ -1,7 +1,5 @@
 """Representations of one line, and the examples in docstrings, which run as they are printed."""
 
-from __future__ import annotations
-
 import doctest
 import inspect
 from pathlib import Path

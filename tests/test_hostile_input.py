@@ -4,8 +4,6 @@ Damaged files of every format, and a test for every fault that long runs have fo
 damaged files of each format.
 """
 
-from __future__ import annotations
-
 import os
 import warnings
 import zipfile
@@ -16,19 +14,11 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from rsdeblur import Camera
+from rsdeblur import Camera, PsfBank
 from rsdeblur.errors import FileFormatError, RsdeblurError
-from rsdeblur.io import (
-    open_camera,
-    open_gyro,
-    read_acceleration,
-    read_captures,
-    read_gyro,
-    read_picture,
-    read_trajectory,
-)
+from rsdeblur.io import open_camera, open_gyro, read_acceleration, read_captures, read_gyro, read_picture
 from rsdeblur.io.pictures import check_scans
-from rsdeblur.psf import PsfBank
+from rsdeblur.io.trajectories import read_trajectory
 from tests._util import files
 from tests.hostile import targets
 from tests.installed import needs

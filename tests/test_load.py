@@ -1,7 +1,5 @@
 """Solvers in many threads and in forked and spawned processes give the bits of one thread and never hang."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -3,8 +3,6 @@
 Every test takes its cases from hypothesis, the same ones each time.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 import subprocess
@@ -21,10 +19,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import rsdeblur
-from rsdeblur import Camera, Exposure, GyroLog, InputError
+from rsdeblur import Camera, Exposure, GyroLog, InputError, psfs
 from rsdeblur.choices import BORDERS, BOUNDARIES, MODES, READOUT_DIRECTIONS
-from rsdeblur.motion.paths import BlurPaths, Capture
-from rsdeblur.pipeline.deblur import psfs
+from rsdeblur.motion import BlurPaths, Capture
 from tests.installed import PRIORS
 
 # The published method's filter unless a test says otherwise: fast, and linear in the picture.

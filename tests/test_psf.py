@@ -1,18 +1,14 @@
 """Laws of the PSF bank: checks, rasterised paths, turning and files."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 
+from rsdeblur import Camera, Exposure, FileFormatError, PsfBank
 from rsdeblur.deconv.tiling import hat_weights
-from rsdeblur.errors import FileFormatError
-from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.paths import BlurPaths, Capture
-from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.motion import BlurPaths, Capture
+from rsdeblur.psf import tile_centres
 
 EXPOSURE = Exposure(0.1, 0.05)
 

@@ -1,7 +1,5 @@
 """Small valid files of every format that is read, and functions that pack compressed formats."""
 
-from __future__ import annotations
-
 import json
 import struct
 import zipfile

@@ -1,6 +1,4 @@
-"""Sharing tasks between threads: every task once, no more threads than allowed, the same bits for any number."""
-
-from __future__ import annotations
+"""Threads share tasks, every task once and the same bits for any number; arrays are aligned for SIMD."""
 
 import signal
 import threading
@@ -9,10 +7,10 @@ import time
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, Exposure, InputError, PsfBank, deblur
+from rsdeblur import Camera, Exposure, InputError, PsfBank, deblur, hand_shake
+from rsdeblur._util.memory import ALIGNMENT, empty
 from rsdeblur._util.threads import ThreadTeam, beside, share
 from rsdeblur.motion import BlurPaths, Capture
-from rsdeblur.simulation.shake import hand_shake
 
 ANYWHERE = pytest.mark.parametrize("threads", [1, 2, 7])
 
@@ -108,3 +106,12 @@ def test_one_thread_is_the_callers(mode: str, prior: str, no_new_threads: None) 
     deblur(picture, *capture, mode=mode, prior=prior, saturation="always", threads=1)
     paths = BlurPaths.every_row(Capture.from_log(*capture), [20.0])
     PsfBank.from_paths(paths, threads=1)
+
+
+@pytest.mark.parametrize("shape", [(), (3, 5), (700, 600)])
+def test_arrays_are_aligned_and_writable(shape):
+    for dtype in (np.float32, np.complex64, np.uint8):
+        array = empty(shape, dtype)
+        assert array.ctypes.data % ALIGNMENT == 0
+        array[...] = 3
+        assert (array.shape, array.dtype, array.flags.c_contiguous) == (shape, dtype, True)

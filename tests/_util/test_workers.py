@@ -1,7 +1,5 @@
 """Worker processes: every task is answered, a fault stays with its task, and nothing is left behind."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -1,12 +1,10 @@
 """The readout time follows from the bands of a lamp, in walls and scenes, and is refused without bands."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
+from rsdeblur import InputError
 from rsdeblur.calibration.flicker import measure_flicker
-from rsdeblur.errors import InputError
 
 HEIGHT, WIDTH = 160, 128
 EXPOSURE = 0.004

@@ -1,18 +1,15 @@
 """Several pictures of one scene solved together."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, Deconvolver, Exposure, PsfBank, hand_shake
+from rsdeblur import Camera, Deconvolver, Exposure, PsfBank, hand_shake, scene
 from rsdeblur.choices import Solver
 from rsdeblur.deconv import DerivativePrior, RowDeconvolver, TileQuadratic
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import LatentPrior
 from rsdeblur.motion import BlurPaths
 from rsdeblur.motion.alignment import Alignment, burst_captures
-from rsdeblur.simulation.scene import scene
 
 SHAPE = 96, 112, 3
 TV = DerivativePrior("tv", 2e-3)

@@ -1,7 +1,5 @@
 """Laws of the transforms, and of keeping measured plans."""
 
-from __future__ import annotations
-
 from multiprocessing import get_context
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tiles, their OTFs, and pictures made periodic."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,15 +1,12 @@
 """Only recorded pixels count: the solution does not explain what was guessed beyond the frame."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import ndimage
 
-from rsdeblur import Camera, Exposure, PsfBank, deblur, deconvolve
+from rsdeblur import Camera, Exposure, PsfBank, deblur, deconvolve, scene
 from rsdeblur.deconv.priors import TO_PICTURE
 from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic
-from rsdeblur.simulation.scene import scene
 
 # Rows and columns of a picture that repeats, and those of them that were recorded.
 SHAPE, RECORDED = (18, 20), (12, 13)

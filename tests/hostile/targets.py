@@ -1,7 +1,5 @@
 """What is damaged: the readers, valid files, and what must hold for everything that is read."""
 
-from __future__ import annotations
-
 import json
 import random
 from collections.abc import Callable, Sequence
@@ -12,16 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur.cli.info import (
-    describe_camera,
-    describe_captures,
-    describe_gyro,
-    describe_picture,
-    describe_trajectory,
-)
-from rsdeblur.io import read_acceleration, read_picture, write_picture
+from rsdeblur import PsfBank, read_picture, write_picture
+from rsdeblur.cli.info import describe_camera, describe_captures, describe_gyro, describe_picture, describe_trajectory
+from rsdeblur.io import read_acceleration
 from rsdeblur.io.picture_output import picture_to_fill
-from rsdeblur.psf import PsfBank
 from tests._util import files
 from tests.hostile import packets
 from tests.hostile.mutate import mutated

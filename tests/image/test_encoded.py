@@ -1,7 +1,5 @@
 """The upright frame, work sizes, and floats that are probably encoded values."""
 
-from __future__ import annotations
-
 import warnings
 from contextlib import nullcontext
 from dataclasses import replace

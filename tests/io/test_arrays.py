@@ -1,7 +1,5 @@
 """PSFs and maps of depths, from NumPy files and pictures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Camera files of other programs: numbers, axes, clocks and lens as each defines them, or a refusal with its reason."""
 
-from __future__ import annotations
-
 import json
 import math
 import struct

@@ -1,7 +1,5 @@
 """Tables of any kind: read rightly, or refused with the option that reads them."""
 
-from __future__ import annotations
-
 import json
 import warnings
 import zipfile
@@ -12,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rsdeblur import FileFormatError, InputError, read_captures, read_gyro, read_trajectory
-from rsdeblur.errors import RsdeblurWarning
+from rsdeblur import FileFormatError, InputError, RsdeblurWarning, read_captures, read_gyro, read_trajectory
 from rsdeblur.io import open_gyro, read_acceleration
 from rsdeblur.io.samples import GyroFile
 from tests.installed import needs

@@ -1,7 +1,5 @@
 """Exchanged files: the message names the kind of file that one looks like, and where to give it."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +8,7 @@ from typing import Any
 import pytest
 
 import rsdeblur
-from rsdeblur.errors import FileFormatError
+from rsdeblur import FileFormatError
 from rsdeblur.io.cameras import write_time_offset
 from tests._util import files
 from tests.installed import needs

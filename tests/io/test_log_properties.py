@@ -1,7 +1,5 @@
 """Any log, however its rows and columns are arranged, is read as the same log or refused."""
 
-from __future__ import annotations
-
 import warnings
 from decimal import Decimal
 from itertools import pairwise
@@ -13,9 +11,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from rsdeblur.errors import FileFormatError, RsdeblurWarning
-from rsdeblur.io import read_gyro
-from rsdeblur.motion.gyro import GyroLog
+from rsdeblur import FileFormatError, GyroLog, RsdeblurWarning, read_gyro
 
 UNITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 RATE_UNITS = {"rad/s": 1.0, "deg/s": np.pi / 180, "mrad/s": 1e-3, "mdeg/s": np.pi / 180_000}

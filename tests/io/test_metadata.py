@@ -1,7 +1,5 @@
 """Metadata of photos: kept, renewed and left out, through every format."""
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib
@@ -15,12 +13,11 @@ import tifffile
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from rsdeblur import RsdeblurWarning, read_picture, write_picture
 from rsdeblur._util.tags import block_of, tags_of
-from rsdeblur.errors import RsdeblurWarning
-from rsdeblur.io import _metadata, read_picture, write_picture
+from rsdeblur.io import Picture, _metadata
 from rsdeblur.io.exif import Exif, renewed, with_orientation
 from rsdeblur.io.picture_output import iptc_segment, picture_to_fill
-from rsdeblur.io.pictures import Picture
 from tests.hostile.packets import KEPT, LOST, with_thumbnail
 from tests.installed import needs
 

@@ -1,7 +1,5 @@
 """Tables of text: timestamps stay exact however they are written, and an error names the line."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
@@ -9,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rsdeblur.errors import FileFormatError
+from rsdeblur import FileFormatError
 from rsdeblur.io.text import Table, TextFile, read_table
 
 UNITS = [Decimal(1), Decimal(10**9), Decimal("976562.5"), Decimal("0.3"), Decimal("0.5"), Decimal("1e-3")]

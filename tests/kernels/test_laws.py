@@ -1,7 +1,5 @@
 """Laws of kernels that paint and measure; test_twins.py compares all kernels with their oracles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.fft

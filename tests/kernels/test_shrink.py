@@ -1,7 +1,5 @@
 """Laws of shrinking derivatives, on the C kernels, which equal their NumPy twins."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

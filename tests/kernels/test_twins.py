@@ -4,8 +4,6 @@ Reads out of bounds are found by compiling with checks:
 ``NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(mktemp -d) pytest tests/kernels/test_twins.py``
 """
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from collections.abc import Callable
@@ -222,7 +220,7 @@ def test_every_kernel_is_tried() -> None:
     assert {name.removeprefix("rowwise_").replace("workspace", "workspace_size") for name in in_c} <= ARGUMENTS.keys()
 
 
-# What has laws of its own for both: `test_rowwise.py` and `test_spectral.py` solve systems and transform lines.
+# What has laws of its own for both: `test_rowwise.py` and `test_lines.py` solve systems and transform lines.
 OWN_LAWS = {"workspace_size", "assembled_size", "solve", "assemble", "solve_assembled", "pair", "unpair"}
 # Absolute tolerances of values of about 1 in float32: a few roundings, or
 TOLERANCES = {

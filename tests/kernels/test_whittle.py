@@ -1,7 +1,5 @@
 """Likelihood of periodograms: derivatives and invariances."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Laws of the camera and the exposure: rays and times stay with the scene; probable mistakes are named."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 
@@ -9,9 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rsdeblur import Camera, Exposure, GyroLog, triage
+from rsdeblur import Camera, Exposure, GyroLog, RsdeblurWarning, triage
 from rsdeblur.choices import READOUT_DIRECTIONS
-from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.motion.camera_values import doubts
 
 MOUNT = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix()

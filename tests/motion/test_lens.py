@@ -1,7 +1,5 @@
 """Laws of the lens: projection and rays are inverse, OpenCV agrees, and blur is computed and undone through it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,20 +1,16 @@
 """Laws of the paths: signs, the reference of each row, and agreement with independent computations."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, PsfBank
 from rsdeblur.choices import MOTIONS
-from rsdeblur.errors import ClockError, CoverageError, GapError, InputError
-from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import BlurPaths, Capture
-from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.errors import ClockError, GapError
+from rsdeblur.motion import BlurPaths, Capture
+from rsdeblur.psf import tile_centres
 
 WIDTH, HEIGHT, FOCAL = 96, 64, 110.0
 CENTRE = (np.array([31.5]), np.array([47.5]))

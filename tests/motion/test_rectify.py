@@ -1,18 +1,12 @@
 """Laws of the rectification: a rolling-shutter picture becomes the picture of a single moment."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import Capture
+from rsdeblur import Camera, Exposure, GyroLog, scene, simulate
+from rsdeblur.motion import Capture
 from rsdeblur.motion.rectify import rectify
-from rsdeblur.simulation.scene import scene
-from rsdeblur.simulation.simulate import simulate
 
 HEIGHT, WIDTH, PAD = 80, 96, 16
 EXPOSURE = Exposure(0.12, 0.02)

@@ -1,7 +1,5 @@
 """A camera that moves sideways in front of a scene, and its poses in the world: paths and restoration."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Camera, Exposure, GyroLog, Translation, deblur, simulate
+from rsdeblur import Camera, Exposure, GyroLog, Translation, deblur, scene, simulate
 from rsdeblur.motion import BlurPaths, Capture, Trajectory
 from rsdeblur.motion.axes import imu_to_camera
-from rsdeblur.simulation.scene import scene
 
 CAMERA = Camera(160, 120, 200.0, readout_time=0.02)
 EXPOSURE = Exposure(0.05, 0.04)

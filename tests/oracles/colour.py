@@ -1,7 +1,5 @@
 """Readable NumPy oracles of kernels: tone curves, colours and clipped light."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

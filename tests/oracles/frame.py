@@ -1,7 +1,5 @@
 """Readable NumPy oracles of `rsdeblur.kernels.frame`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Readable NumPy oracles of kernels: paths, PSFs and resampling."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage

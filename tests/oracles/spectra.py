@@ -1,7 +1,5 @@
 """Readable NumPy oracles of kernels: spectra."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

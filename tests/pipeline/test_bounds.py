@@ -3,8 +3,6 @@
 Warnings are errors, so none of these calls overflows in silence.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -12,23 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rsdeblur import (
-    Camera,
-    Deconvolver,
-    Exposure,
-    GyroLog,
-    InputError,
-    PsfBank,
-    RsdeblurError,
-    deblur,
-    deconvolve,
-    find_time_offset,
-    hand_shake,
-    psfs,
-    scene,
-    simulate,
-)
+from rsdeblur import Camera, Deconvolver, Exposure, GyroLog, PsfBank, deblur, deconvolve, find_time_offset, psfs, scene
 from rsdeblur.choices import DISTORTIONS, MODES
+from rsdeblur.errors import InputError, RsdeblurError
+from rsdeblur.simulation.shake import hand_shake
+from rsdeblur.simulation.simulate import simulate
 from tests.installed import PRIORS
 
 HEIGHT, WIDTH = 36, 48

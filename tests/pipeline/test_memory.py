@@ -1,18 +1,14 @@
 """Laws of bounded memory: chunks write every row once, and the result is that of the picture solved whole."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
 import pytest
 
 import rsdeblur
-from rsdeblur import Camera, Exposure, GyroLog, InputError, simulate
+from rsdeblur import Camera, Exposure, GyroLog, InputError, hand_shake, scene, simulate
 from rsdeblur.pipeline import memory
 from rsdeblur.simulation import Simulation
-from rsdeblur.simulation.scene import scene
-from rsdeblur.simulation.shake import hand_shake
 
 # The published method's filter unless a test says otherwise: fast, and linear in the picture.
 deblur = partial(rsdeblur.deblur, prior="wiener")

@@ -1,7 +1,5 @@
 """Options: one set of defaults for Python and the command line, and their checks."""
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import fields, replace
 from pathlib import Path
@@ -11,30 +9,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from rsdeblur import (
-    Camera,
-    Exposure,
-    InputError,
-    Options,
-    Translation,
-    deblur,
-    find_time_offset,
-    from_linear,
-    plan,
-    read_camera,
-    read_gyro,
-    read_picture,
-    simulate,
-    write_picture,
-)
+from rsdeblur import Camera, Exposure, InputError, Options, Translation, deblur, hand_shake, plan, scene, simulate
 from rsdeblur.choices import QUALITIES, Quality
 from rsdeblur.cli import main
 from rsdeblur.cli.batch import command as batch
 from rsdeblur.cli.compare import command as compare
 from rsdeblur.cli.deblur import command as deblur_command
 from rsdeblur.cli.video import command as video
-from rsdeblur.simulation.scene import scene
-from rsdeblur.simulation.shake import hand_shake
+from rsdeblur.estimate.time_offset import find_time_offset
+from rsdeblur.image.transfer import from_linear
+from rsdeblur.io import read_camera, read_gyro, read_picture, write_picture
 
 DEFAULTS = {field.name: field.default for field in fields(Options)}
 CAMERA, EXPOSURE = Camera(96, 80, 110.0, readout_time=0.03), Exposure(0.05, 1 / 30)
