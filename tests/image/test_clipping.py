@@ -46,9 +46,7 @@ def test_a_photo_without_clipped_pixels_is_not_touched() -> None:
         np.testing.assert_array_equal(limited, sharp)
 
 
-def test_a_coloured_photo_that_is_overexposed_gains_and_linear_filters_stay_linear(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_coloured_photo_that_is_overexposed_gains_and_linear_filters_stay_linear(monkeypatch):
     camera, exposure, log = Camera(192, 144, 260.0), Exposure(0.2, 0.05), hand_shake(0.5, seed=4)
     # Channels clip one after the other.
     light, _, rolling = simulate(np.array([4, 3, 2], np.float32) * scene(184, 232), log, camera, exposure, noise=0.004)

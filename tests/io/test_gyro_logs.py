@@ -1,6 +1,5 @@
 """Logs in tables, archives, JSON, pictures, projects and videos: unit, axes and exact timestamps, or a refusal."""
 
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -196,26 +195,18 @@ def test_the_same_recording_in_two_formats_agrees(data_dir: Path) -> None:
     )
 
 
-def zipped(path: Path, *names: str, **others: str) -> Path:
-    """Write an archive of logs of Sensor Logger, and of other files."""
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, content in {**dict.fromkeys(names, LAYOUTS["sensor logger"][0]), **others}.items():
-            archive.writestr(name, content)
-    return path
-
-
 class TestZip:
-    def test_the_gyroscope_is_found(self, tmp_path: Path) -> None:
+    def test_the_gyroscope_is_found(self, write: Write) -> None:
         names = [f"session/{name}.csv" for name in ("Accelerometer", "GyroscopeUncalibrated", "Gyroscope")]
         metadata = {"session/Metadata.csv": "version,device name,platform\n3,SM-S931N,android\n"}
-        path = zipped(tmp_path / "export.zip", *names, **metadata)
-        facts = assert_contains_the_samples(path, "sensorlogger", "phone")
+        members = dict.fromkeys(names, LAYOUTS["sensor logger"][0]) | metadata
+        facts = assert_contains_the_samples(write(files.zipped(members), "export.zip"), "sensorlogger", "phone")
         assert facts == {"device name": "SM-S931N", "platform": "android"}
 
-    def test_an_app_s_format_comes_before_any_table(self, tmp_path: Path) -> None:
+    def test_an_app_s_format_comes_before_any_table(self, write: Write) -> None:
         """EuRoC's position of a laser is a table of four columns, as some gyro logs are."""
         laser = "#timestamp,p_x,p_y,p_z\n" + files.rows("{t},{x},{y},{z}")
-        path = zipped(tmp_path / "euroc.zip", **{"a0/data.csv": laser, "imu0/data.csv": LAYOUTS["euroc"][0]})
+        path = write(files.zipped({"a0/data.csv": laser, "imu0/data.csv": LAYOUTS["euroc"][0]}), "euroc.zip")
         assert_contains_the_samples(path, "euroc", "sensor")
 
 
@@ -285,14 +276,12 @@ def test_formats_of_accelerometers(write: Write, name: str) -> None:
     np.testing.assert_allclose(log.force, FORCES, rtol=1e-15)
 
 
-def test_exports_are_searched_for_gravity(write: Write, tmp_path: Path) -> None:
+def test_exports_are_searched_for_gravity(write: Write) -> None:
     """Sensor Logger's Accelerometer is without gravity."""
-    with zipfile.ZipFile(tmp_path / "session.zip", "w") as archive:
-        for name in ("Accelerometer.csv", "Gyroscope.csv"):
-            archive.writestr(name, LAYOUTS["sensor logger"][0])
-        archive.writestr("TotalAcceleration.csv", ACCELERATIONS["TotalAcceleration.csv"])
-    for path in (tmp_path / "session.zip", write(sensorlogger_json(), "session.json")):
-        np.testing.assert_array_equal(read_acceleration(path).force, FORCES)
+    members = dict.fromkeys(("Accelerometer.csv", "Gyroscope.csv"), LAYOUTS["sensor logger"][0])
+    members["TotalAcceleration.csv"] = ACCELERATIONS["TotalAcceleration.csv"]
+    for content, name in ((files.zipped(members), "session.zip"), (sensorlogger_json(), "session.json")):
+        np.testing.assert_array_equal(read_acceleration(write(content, name)).force, FORCES)
 
 
 def test_units_of_accelerometers(write: Write) -> None:

@@ -1,6 +1,5 @@
 """Exchanged files: the message names the kind of file that one looks like, and where to give it."""
 
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import rsdeblur
 from rsdeblur import FileFormatError
 from rsdeblur.io.cameras import write_time_offset
 from tests._util import files
+from tests._util.files import zipped
 from tests.installed import needs
 
 READERS: dict[str, Callable[[Path], Any]] = {
@@ -86,14 +86,11 @@ def test_pictures_and_videos_are_named(write: Callable[..., Path], reader: str, 
 
 
 @pytest.mark.parametrize("reader", ["capture file", "camera file", "trajectory", "picture"])
-def test_archives_of_logger_apps_are_named(tmp_path: Path, reader: str) -> None:
-    path = tmp_path / "export.zip"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr(*FILES["gyro log"][0])
+def test_archives_of_logger_apps_are_named(write: Callable[..., Path], reader: str) -> None:
+    path = write(zipped(dict(FILES["gyro log"][:1])), "export.zip")
     with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a gyro log .zip archive.; give it as"):
         READERS[reader](path)
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("notes.txt", "no log")
+    write(zipped({"notes.txt": "no log"}), "export.zip")
     with pytest.raises(FileFormatError, match=r"export\.zip: (?!.*looks like)"):
         READERS[reader](path)
 
@@ -106,9 +103,7 @@ def test_archives_of_logger_apps_are_named(tmp_path: Path, reader: str) -> None:
         ("camera.toml", "width = 320\n", "lacks height"),
     ],
 )
-def test_only_a_camera_file_has_a_place_for_the_time_offset(
-    tmp_path: Path, name: str, content: str, message: str
-) -> None:
+def test_only_a_camera_file_has_a_place_for_the_time_offset(tmp_path, name, content, message):
     if name.endswith(".yaml"):
         needs("kalibr")
     path = tmp_path / name

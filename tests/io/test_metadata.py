@@ -206,9 +206,7 @@ def test_parts_of_the_original_are_left_out_with_a_message(tmp_path: Path, kind:
         (".tif", {"exif": 9}, ("EXIF",)),
     ],
 )
-def test_what_a_format_cannot_hold_is_named_once(
-    tmp_path: Path, suffix: str, sizes: dict[str, int], lost: tuple[str, ...]
-) -> None:
+def test_what_a_format_cannot_hold_is_named_once(tmp_path, suffix, sizes, lost):
     like = Picture(np.zeros((4, 4, 3), np.uint8), **{name: b"x" * size for name, size in sizes.items()})
     with pytest.warns(RsdeblurWarning, match="left out of the result") as caught:
         write_picture(tmp_path / f"a{suffix}", like.pixels, like=like)

@@ -16,7 +16,8 @@ from PIL.JpegImagePlugin import JpegImageFile
 
 from rsdeblur import FileFormatError, InputError, OutputError, read_picture, write_picture
 from rsdeblur.image.profile import linear_profile
-from rsdeblur.io import Picture, check_writable, pictures
+from rsdeblur.io import Picture, check_writable, pictures, read_depths
+from rsdeblur.io.arrays import read_psfs
 from rsdeblur.io.exif import Exif
 from rsdeblur.io.picture_output import picture_to_fill
 from tests._util import files as seeds
@@ -56,9 +57,7 @@ LOSSLESS = [
 
 @pytest.mark.parametrize(("extension", "dtype", "channels"), LOSSLESS)
 @pytest.mark.parametrize("size", [(7, 5), (1, 1), (1, 3), (3, 1)])
-def test_lossless_round_trip(
-    tmp_path: Path, extension: str, dtype: str, channels: tuple[int, ...], size: tuple[int, int]
-) -> None:
+def test_lossless_round_trip(tmp_path, extension, dtype, channels, size):
     pixels = random_pixels(dtype, *size, *channels)
     icc = GREY_PROFILE if channels in ((), (2,)) else RGB_PROFILE
     path = tmp_path / f"picture{extension}"
@@ -77,9 +76,7 @@ def test_lossless_round_trip(
 @pytest.mark.parametrize("extension", [".tif", ".npy"])
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
 @pytest.mark.parametrize("channels", [(), (2,), (3,), (4,)])
-def test_what_is_filled_in_place_comes_back(
-    tmp_path: Path, extension: str, dtype: str, channels: tuple[int, ...]
-) -> None:
+def test_what_is_filled_in_place_comes_back(tmp_path, extension, dtype, channels):
     path, pixels = tmp_path / f"picture{extension}", random_pixels(dtype, 5, 7, *channels)
     with picture_to_fill(path, pixels.shape, like=Picture(pixels), in_place=True) as out:
         assert isinstance(out, np.memmap)
@@ -142,9 +139,7 @@ def test_jpeg_round_trip(tmp_path: Path, channels: tuple[int, ...]) -> None:
         ),
     ],
 )
-def test_depth_is_what_is_asked_for_or_the_next_lower_one(
-    tmp_path: Path, pixels: str, like: str | None, bits: Any, extension: str, expected: str
-) -> None:
+def test_depth_is_what_is_asked_for_or_the_next_lower_one(tmp_path, pixels, like, bits, extension, expected):
     """That of `bits`, of `like` or of integers, and 8 bits otherwise."""
     path = tmp_path / f"picture{extension}"
     given = Picture(np.zeros(1, like)) if like else None
@@ -400,3 +395,60 @@ class TestRaw:
             path.write_bytes(path.read_bytes()[:keep])
             with pytest.raises(FileFormatError, match=r"a\.dng"):
                 read_picture(path)
+
+
+METRES = np.array([[0.9, 1.2, 1.5], [2.5, 3.0, 60.0]])
+SHAPE = (40, 60, 3)
+WEIGHTS = np.arange(12, dtype=np.uint8).reshape(3, 4)
+
+
+def saved(folder: Path, name: str, values: Any) -> Path:
+    path = folder / name
+    if isinstance(values, bytes):
+        path.write_bytes(values)
+    elif path.suffix == ".npy":
+        np.save(path, values)
+    else:
+        Image.fromarray(values).save(path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    [("d.npy", np.float32), ("d.tiff", np.float32), *((f"d.{suffix}", np.uint16) for suffix in ("npy", "png", "tiff"))],
+)
+def test_floats_are_metres_and_whole_numbers_millimetres(tmp_path: Path, name: str, dtype: type) -> None:
+    path = saved(tmp_path, name, ((1 if dtype == np.float32 else 1000) * METRES).astype(dtype))
+    # Single precision, or whole millimetres.
+    np.testing.assert_allclose(read_depths(path), METRES, rtol=1e-7)
+
+
+@pytest.mark.parametrize("unknown", [0.0, np.nan, np.inf])
+def test_an_unknown_depth_is_that_of_the_nearest_place(tmp_path: Path, unknown: float) -> None:
+    path = saved(tmp_path, "depth.npy", np.array([[1.0, unknown, unknown], [1.0, unknown, 3.0]]))
+    np.testing.assert_array_equal(read_depths(path)[:, [0, 2]], [[1.0, 3.0], [1.0, 3.0]])
+
+
+def test_depths_of_8_bits_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match=r"depth\.png: .*16 bits in mm"):
+        read_depths(saved(tmp_path, "depth.png", np.ones((2, 3), np.uint8)))
+
+
+def test_arrays_and_pictures_of_a_psf_agree(tmp_path: Path) -> None:
+    expected = np.pad(WEIGHTS / WEIGHTS.sum(), ((0, 0), (0, 1)))
+    rgba = np.stack([WEIGHTS, WEIGHTS, WEIGHTS, 0 * WEIGHTS], axis=-1)
+    for name, values in {"k.npy": WEIGHTS, "grey.png": WEIGHTS, "rgba.png": rgba}.items():
+        bank = read_psfs(saved(tmp_path, name, values), SHAPE)
+        # Pictures are read in single precision.
+        np.testing.assert_allclose(bank.kernels[0, 0], expected, rtol=1e-6)
+        assert (bank.rows.tolist(), bank.cols.tolist()) == ([19.5], [29.5])
+
+
+def test_several_psfs(tmp_path: Path) -> None:
+    kernels = np.random.default_rng(0).random((2, 3, 5, 7))
+    bank = read_psfs(saved(tmp_path, "k.npy", kernels), SHAPE)
+    assert bank.kernels.shape == kernels.shape
+    bank.save(tmp_path / "bank.npz")
+    stored = read_psfs(tmp_path / "bank.npz", SHAPE)
+    for name in ("kernels", "rows", "cols"):
+        np.testing.assert_array_equal(getattr(stored, name), getattr(bank, name))

@@ -81,10 +81,8 @@ def cut_block_numpy(
     mix: Float32Array,
     planes: Float32Array,
 ) -> None:
-    """Readable twin of :func:`cut_block`."""
     planes[...] = np.moveaxis(picture[np.ix_(rows, columns)] @ mix.T, -1, 0)
 
 
 def put_block_numpy(planes: Float32Array, mix: Float32Array, out: Float32Array) -> None:
-    """Readable twin of :func:`put_block`."""
     out[...] = np.moveaxis(planes, 0, -1) @ mix

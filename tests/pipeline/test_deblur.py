@@ -138,9 +138,7 @@ def test_rectify_matches_the_rectified_reference(capture: Simulation, log: GyroL
 @pytest.mark.parametrize(
     ("mode", "direction"), [("banded", "left-right"), ("rowwise", "right-left"), ("banded", "bottom-up")]
 )
-def test_readout_directions_are_one_problem_turned(
-    capture: Simulation, log: GyroLog, mode: str, direction: str
-) -> None:
+def test_readout_directions_are_one_problem_turned(capture, log, mode, direction):
     """The same scene stored turned, on a camera described as turned, gives the same result turned."""
     turns = {"left-right": 1, "bottom-up": 2, "right-left": 3}[direction]
     camera = CAMERA
