@@ -24,18 +24,13 @@ EXPOSURES = [Exposure(1.0 + i / RATE, 1 / 40) for i in range(FRAMES)]
 START = Camera(WIDTH, HEIGHT, 0.8 * FOCAL)
 
 
-def film(direction="bottom-up"):
-    """Return the frames and the log, whose axes, bias and clock the calibration does not know, and the true camera."""
-    camera = Camera(WIDTH, HEIGHT, FOCAL, readout_time=READOUT, readout_direction=direction, imu_to_camera=AXES)
-    log = hand_shake(2.6, strength=0.5, seed=5)
-    frames = list(simulate_clip(scene(256, 352), log, camera, EXPOSURES, noise=0.003, samples=4))
-    recorded = GyroLog(log.t - OFFSET, log.omega + BIAS)
-    return frames, recorded, replace(camera, time_offset=OFFSET)
-
-
 @pytest.fixture(scope="module")
 def clip():
-    return film()
+    """Return the frames and the log, whose axes, bias and clock the calibration does not know, and the true camera."""
+    camera = Camera(WIDTH, HEIGHT, FOCAL, readout_time=READOUT, readout_direction="bottom-up", imu_to_camera=AXES)
+    log = hand_shake(2.6, strength=0.5, seed=5)
+    frames = list(simulate_clip(scene(256, 352), log, camera, EXPOSURES, noise=0.003, samples=4))
+    return frames, GyroLog(log.t - OFFSET, log.omega + BIAS), replace(camera, time_offset=OFFSET)
 
 
 @pytest.fixture(scope="module")

