@@ -1,7 +1,5 @@
 """The installation: lazy names, modules that an import loads, allowed imports, show_config, the bare source folder."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

@@ -60,13 +60,7 @@ def refusal(read: Callable[[Path], Any], path: Path) -> str:
 
 
 # Extras that write or read these formats.
-EXTRAS = {
-    "gyroflow": "gyroflow",
-    "gyroflow-cbor": "gyroflow",
-    "heic": "heif",
-    "dng": "raw",
-    "kalibr": "kalibr",
-}
+EXTRAS = {"gyroflow": "gyroflow", "gyroflow-cbor": "gyroflow", "heic": "heif", "dng": "raw", "kalibr": "kalibr"}
 
 
 @pytest.mark.parametrize("name", targets.TARGETS)

@@ -45,7 +45,8 @@ SIGNALLING = [
 FISHEYE: dict[str, Any] = {"distortion_model": "fisheye", "distortion": (0.0,) * 4}
 # No message is longer.
 LONGEST = 400
-Call, Door = Callable[[], Any], Callable[[Any], Any]
+Call = Callable[[], Any]
+Door = Callable[[Any], Any]
 
 
 class Lazy:
@@ -420,10 +421,7 @@ CALLS: dict[str, Door] = {
     "show_config: mode": rs.show_config,
 }
 # Values that an argument does take.
-FITS = {
-    ("deblur: max_memory", "huge"),
-    ("deconvolve: max_memory", "huge"),
-}
+FITS = {("deblur: max_memory", "huge"), ("deconvolve: max_memory", "huge")}
 # Arguments that may be None.
 OPTIONAL = {
     "translation", "threads", "max_memory", "out", "progress", "options", "principal_point", "size", "bits", "like",

@@ -43,17 +43,12 @@ def test_the_denoiser_may_keep_its_arrays() -> None:
 
 
 def test_a_denoiser_is_a_prior_of_deconvolve() -> None:
-    sharp = scene(*SHAPE)
-    rng, bank = np.random.default_rng(3), PsfBank.for_picture(KERNEL, SHAPE)
-    spectrum = np.fft.rfft2(sharp, axes=(0, 1))
-    padded = np.zeros(SHAPE)
-    padded[: KERNEL.shape[0], : KERNEL.shape[1]] = KERNEL
-    spectrum *= np.fft.rfft2(np.roll(padded, (-3, -4), (0, 1)))[..., None]
-    blurred = np.fft.irfft2(spectrum, SHAPE, axes=(0, 1)) + rng.normal(0, 0.01, sharp.shape)
-    result = deconvolve(blurred, bank, prior=same, noise=0.01, transfer="linear", border="periodic")
+    sharp, bank = scene(*SHAPE), PsfBank.for_picture(KERNEL, SHAPE)
+    picture = blurred(sharp)
+    result = deconvolve(picture, bank, prior=same, noise=0.01, transfer="linear", border="periodic")
     # The weight allows for errors of the paths as well, which are about a hundredth of the light here.
     assert 1 <= result.weight / (WEIGHT_OF_VARIANCE * 0.01**2) < 3
-    assert np.square(result.image - sharp).mean() < np.square(blurred - sharp).mean()
+    assert np.square(result.image - sharp).mean() < np.square(picture - sharp).mean()
 
 
 WIDE = 90, 300, 3
@@ -65,11 +60,11 @@ def solver(**options) -> TileQuadratic:
 
 
 def blurred(light: np.ndarray, noise: float = 0.01) -> np.ndarray:
-    padded = np.zeros(WIDE[:2])
+    padded = np.zeros(light.shape[:2])
     padded[: KERNEL.shape[0], : KERNEL.shape[1]] = KERNEL
     spectrum = np.fft.rfft2(np.roll(padded, (-3, -4), (0, 1)))[..., None] * np.fft.rfft2(light, axes=(0, 1))
-    picture = np.fft.irfft2(spectrum, WIDE[:2], axes=(0, 1))
-    return (picture + np.random.default_rng(0).normal(0, noise, WIDE)).astype(np.float32)
+    picture = np.fft.irfft2(spectrum, light.shape[:2], axes=(0, 1))
+    return (picture + np.random.default_rng(0).normal(0, noise, light.shape)).astype(np.float32)
 
 
 def prior_for(picture: np.ndarray) -> WaveletPrior:

@@ -194,7 +194,7 @@ ARGUMENTS: dict[str, Callable[[Arrays], list[Any]]] = {
     ],
     "integrated": lambda h: [np.arange(4.0), h(4, 3, dtype=np.float64)],
     "orientations": lambda h: [
-        *(h(5, dtype=np.float64), np.arange(4.0), h(4, 3, dtype=np.float64), h(4, 3, 3, dtype=np.float64)),
+        *(h(5, dtype=np.float64), np.arange(4.0), h(4, 3, dtype=np.float64), h(4, 3, 3, dtype=np.float64))
     ],
     "smoothed_power": lambda h: [h.pairs(2, 6, 4)],
     "separate": lambda h: [h(5, 7, 3)],

@@ -50,13 +50,7 @@ def extremes_numpy(roots: Float32Array, wide: int, lowest: Float32Array, highest
 
 
 def limit_numpy(
-    rows: FloatImage,
-    top: int,
-    tall: int,
-    wide: int,
-    weight: Float32Array,
-    least: Float32Array,
-    most: Float32Array,
+    rows: FloatImage, top: int, tall: int, wide: int, weight: Float32Array, least: Float32Array, most: Float32Array
 ) -> None:
     (height, width, channels), numbers = rows.shape, np.concatenate([weight[..., None], least, most], axis=2)
     for axis, (first, count, step) in enumerate(((top, height, tall), (0, width, wide))):

@@ -75,11 +75,7 @@ def _sums_of_squares_numpy(band: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def cut_block_numpy(
-    picture: Float32Array,
-    rows: NDArray[np.intp],
-    columns: NDArray[np.intp],
-    mix: Float32Array,
-    planes: Float32Array,
+    picture: Float32Array, rows: NDArray[np.intp], columns: NDArray[np.intp], mix: Float32Array, planes: Float32Array
 ) -> None:
     planes[...] = np.moveaxis(picture[np.ix_(rows, columns)] @ mix.T, -1, 0)
 

@@ -137,10 +137,7 @@ def _fit_tile(
 
 
 def information_numpy(
-    tiles: Tiles,
-    slopes: NDArray[np.float32],
-    fitted: tuple[FloatArray, FloatArray],
-    stiffness: float,
+    tiles: Tiles, slopes: NDArray[np.float32], fitted: tuple[FloatArray, FloatArray], stiffness: float
 ) -> tuple[FloatArray, FloatArray]:
     power, noise, expected, place, sectors = tiles
     gains, levels = fitted

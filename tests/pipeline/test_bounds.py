@@ -74,10 +74,6 @@ def test_an_even_result_is_not_good(options: dict[str, Any]) -> None:
     assert "lost" in check.reasons[-1]
 
 
-# No message of a refusal is longer.
-LONGEST_LINE = 300
-
-
 def test_a_tiny_nsr_counts_as_what_float32_carries() -> None:
     bank = PsfBank.for_picture(np.full((1, 5), 0.2), (HEIGHT, WIDTH))
     light = NOISE[..., 0]
@@ -126,7 +122,8 @@ def test_any_camera_and_motion_has_psfs_or_is_refused(model, focal, bend, speed,
         camera = Camera(WIDTH, HEIGHT, 10**focal, readout_time=0.03, distortion_model=model, distortion=k)
         bank = psfs(log, camera, Exposure(0.1, 10**duration))
     except RsdeblurError as refusal:
-        assert len(str(refusal)) < 2 * LONGEST_LINE  # noqa: PT017, because either is right
+        # No message of a refusal is longer.
+        assert len(str(refusal)) < 600  # noqa: PT017, because either is right
     else:
         assert np.isfinite(bank.kernels).all()
 
