@@ -1,7 +1,5 @@
 """What the installed extras allow to test."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from typing import Any
 

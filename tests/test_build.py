@@ -1,7 +1,5 @@
 """The installation: lazy names, modules that an import loads, allowed imports, show_config, the bare source folder."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re
@@ -14,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import rsdeblur
-from rsdeblur.errors import InputError
+from rsdeblur import InputError
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = Path(rsdeblur.__file__).parent

@@ -3,8 +3,6 @@
 No file is lost, and none is left half written.
 """
 
-from __future__ import annotations
-
 import errno
 import importlib
 import importlib.util
@@ -24,12 +22,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, PsfBank
-from rsdeblur._util.atomic import atomic_write, check_target
-from rsdeblur.errors import OutputError
-from rsdeblur.io import read_picture, write_picture
+from rsdeblur import Camera, OutputError, PsfBank, read_picture, write_picture
+from rsdeblur._util.atomic import atomic_write, check_target, remove_unfinished
+from rsdeblur.io import Picture
 from rsdeblur.io.picture_output import picture_to_fill
-from rsdeblur.io.pictures import Picture
 
 KILLS = 4
 SIDE = 200
@@ -272,3 +268,85 @@ class TestNumbaCache:
         module = self.kernel(tmp_path, 0)
         monkeypatch.setattr(os, "replace", fail)
         assert module.double(2) == 4
+
+
+# Ends in the middle of a write, as after SIGKILL.
+DIE = """
+import os, sys
+from rsdeblur._util.atomic import atomic_write
+with atomic_write(sys.argv[1]) as file:
+    os._exit(0)
+"""
+
+
+def leave_unfinished(path: Path) -> Path:
+    """Return the temporary file that a process left behind."""
+    before = set(path.parent.iterdir())
+    subprocess.run([sys.executable, "-c", DIE, str(path)], check=True)
+    (left,) = set(path.parent.iterdir()) - before
+    return left
+
+
+def test_only_own_files_are_removed(tmp_path: Path) -> None:
+    """What a killed process left stays until it is removed by name; files whose names begin alike stay."""
+    path = tmp_path / "a.png"
+    strangers = [tmp_path / name for name in (".a.png.download.part", ".a.png.0123456789abcdef.part", "a.png.part")]
+    for stranger in strangers:
+        stranger.touch()
+    strangers += [leave_unfinished(tmp_path / name) for name in ("a.png.b.png", "a" * 60 + "1", "a" * 60 + "2")]
+    leave_unfinished(path)
+    remove_unfinished(path)
+    remove_unfinished(tmp_path / ("a" * 60))
+    assert set(tmp_path.iterdir()) == set(strangers)
+
+
+def test_two_writers_of_one_file_both_finish(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    with atomic_write(path) as first:
+        first.write(b"1")
+        with atomic_write(path) as second:
+            second.write(b"2")
+        assert path.read_bytes() == b"2"
+    assert path.read_bytes() == b"1"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_replaced_file_keeps_mode_and_attributes(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.touch(0o600)
+    os.utime(path, (1, 1))
+    try:
+        os.setxattr(path, "user.origin", b"here")
+        attributes = ["user.origin"]
+    except (AttributeError, OSError):  # macOS, or a file system without them
+        attributes = []
+    with atomic_write(path) as file:
+        file.write(b"a")
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert [os.getxattr(path, name) for name in attributes] == [b"here"] * len(attributes)
+    # It is another content, of another date.
+    assert path.stat().st_mtime > 1
+
+
+@pytest.mark.parametrize("suffix", [".tif", ".npy"])
+def test_a_mapped_picture_has_its_space_before_it_is_filled(tmp_path: Path, suffix: str) -> None:
+    """Else a full disk ends the process with SIGBUS."""
+    pixels = np.zeros((300, 400, 3), np.uint8)
+    with picture_to_fill(tmp_path / f"a{suffix}", pixels.shape, like=Picture(pixels), in_place=True):
+        (file,) = tmp_path.iterdir()
+        # POSIX counts blocks of 512 bytes; a part of a block is a whole one.
+        assert 512 * file.stat().st_blocks >= pixels.size
+
+
+def test_a_full_disk_is_an_error_before_the_map_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", full, raising=False)
+    pixels = np.zeros((3, 4), np.uint8)
+    with (
+        pytest.raises(OutputError, match=r"a\.tif: cannot write the file: No space left on device"),
+        picture_to_fill(tmp_path / "a.tif", pixels.shape, like=Picture(pixels), in_place=True),
+    ):
+        pytest.fail("the map was made")
+    assert not list(tmp_path.iterdir())

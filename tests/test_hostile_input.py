@@ -4,11 +4,8 @@ Damaged files of every format, and a test for every fault that long runs have fo
 damaged files of each format.
 """
 
-from __future__ import annotations
-
 import os
 import warnings
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,19 +13,11 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from rsdeblur import Camera
+from rsdeblur import Camera, PsfBank
 from rsdeblur.errors import FileFormatError, RsdeblurError
-from rsdeblur.io import (
-    open_camera,
-    open_gyro,
-    read_acceleration,
-    read_captures,
-    read_gyro,
-    read_picture,
-    read_trajectory,
-)
+from rsdeblur.io import open_camera, open_gyro, read_acceleration, read_captures, read_gyro, read_picture
 from rsdeblur.io.pictures import check_scans
-from rsdeblur.psf import PsfBank
+from rsdeblur.io.trajectories import read_trajectory
 from tests._util import files
 from tests.hostile import targets
 from tests.installed import needs
@@ -71,13 +60,7 @@ def refusal(read: Callable[[Path], Any], path: Path) -> str:
 
 
 # Extras that write or read these formats.
-EXTRAS = {
-    "gyroflow": "gyroflow",
-    "gyroflow-cbor": "gyroflow",
-    "heic": "heif",
-    "dng": "raw",
-    "kalibr": "kalibr",
-}
+EXTRAS = {"gyroflow": "gyroflow", "gyroflow-cbor": "gyroflow", "heic": "heif", "dng": "raw", "kalibr": "kalibr"}
 
 
 @pytest.mark.parametrize("name", targets.TARGETS)
@@ -138,8 +121,7 @@ class TestBombs:
         (tmp_path / "secret.csv").write_bytes(files.GYRO_TABLES["plain"][0])
         path = tmp_path / "a.zip"
         for name in (f"{tmp_path}/secret.csv", "../secret.csv"):
-            with zipfile.ZipFile(path, "w") as archive:
-                archive.writestr(name, b"\0\0\0\x18ftypmp42")
+            path.write_bytes(files.zipped({name: b"\0\0\0\x18ftypmp42"}))
             assert "a.zip" in refusal(open_gyro, path)
 
     @pytest.mark.parametrize(("scans", "allowed"), [(90, True), (100, False), (20_000, False)])

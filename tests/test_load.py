@@ -1,7 +1,5 @@
 """Solvers in many threads and in forked and spawned processes give the bits of one thread and never hang."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading
@@ -28,10 +26,7 @@ HEIGHT, WIDTH = 48, 64
 RECORDING = hand_shake(0.3, seed=1), Camera(WIDTH, HEIGHT, 60.0, readout_time=0.03), Exposure(0.1, 0.03)
 PICTURE = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
 
-KINDS = (
-    *("global", "banded", "banded and strips", "rowwise, direct", "rowwise, cg"),
-    *("total variation", "RowBlur"),
-)
+KINDS = (*("global", "banded", "banded and strips", "rowwise, direct", "rowwise, cg"), *("total variation", "RowBlur"))
 forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 # Of Python 3.12, about what is tested here.
 many_threads = pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")

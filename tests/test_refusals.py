@@ -1,12 +1,12 @@
-"""Values that no picture, camera or solver can use: each is refused in one short message that names it.
+"""Every public function refuses what is no argument, or out of range, in one short message that names it.
 
-`test_public_door.py` holds what is of another type, `io/test_unreadable.py` what files contain.
+What files contain is in `io/test_unreadable.py`.
 """
 
-from __future__ import annotations
-
 import math
+import re
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,19 +18,23 @@ import rsdeblur as rs
 from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, Options, PsfBank, Translation, deconv
 from rsdeblur.deconv import DerivativePrior, TileQuadratic
 from rsdeblur.deconv.burst import BurstQuadratic
-from rsdeblur.io.pictures import Picture
+from rsdeblur.io import Picture
 from rsdeblur.motion import AccelerationLog, BlurPaths, Capture, Trajectory
 from rsdeblur.motion.alignment import burst_captures
+from rsdeblur.report import psf_map, side_by_side
 
 HEIGHT, WIDTH = SHAPE = 36, 48
 LOG, CAMERA, EXPOSURE = rs.hand_shake(0.2, strength=1.0, seed=3), Camera(WIDTH, HEIGHT, 60.0), Exposure(0.05, 0.025)
 IMAGE = np.random.default_rng(0).random((*SHAPE, 3), dtype=np.float32)
-GREY = IMAGE[..., 0].astype(np.float64)
+PLAIN, GREY = IMAGE[..., 0], IMAGE[..., 0].astype(np.float64)
 KERNEL, POINT = np.full((1, 5), 0.2), np.ones((1, 1))
 BANK = PsfBank.for_picture(KERNEL, SHAPE)
 CAPTURE = Capture.from_log(LOG, CAMERA, EXPOSURE)
 PATHS = BlurPaths.every_row(CAPTURE, [20.0])
-BLUR, WIENER = deconv.RowBlur(PATHS, WIDTH), rs.Deconvolver(BANK, SHAPE)
+BLUR, WIENER, TILES = deconv.RowBlur(PATHS, WIDTH), rs.Deconvolver(BANK, SHAPE), TileQuadratic(BANK, SHAPE)
+ROWS, PLAN, PRIOR = deconv.RowDeconvolver(PATHS, SHAPE), rs.plan(LOG, CAMERA, EXPOSURE), DerivativePrior("tv", 0.01)
+TRAJECTORY = Trajectory([0, 1], [[0, 0, 0], [1, 0, 0]], [[0, 0, 0, 1]] * 2)
+PIXELS = np.zeros((4, 4), np.uint8)
 T = np.linspace(0.0, 1.0, 11)
 STILL, NOWHERE = GyroLog(T, np.zeros((11, 3))), np.zeros((2, 3))
 POSES = np.tile([0.0, 0.0, 0.0, 1.0], (11, 1))
@@ -42,6 +46,7 @@ FISHEYE: dict[str, Any] = {"distortion_model": "fisheye", "distortion": (0.0,) *
 # No message is longer.
 LONGEST = 400
 Call = Callable[[], Any]
+Door = Callable[[Any], Any]
 
 
 class Lazy:
@@ -236,8 +241,65 @@ LOGS: list[tuple[str, Call]] = [
         ("translation track spans", (Exposure(0.9, 0.2), CAMERA, 1.0)), ("depth", (EXPOSURE, CAMERA, 0.0)))),
     ("'opengl'", lambda: Trajectory(T, np.zeros((11, 3)), POSES).translation(EXPOSURE, CAMERA, 1.0, axes="opengl")),
 ]  # fmt: skip
+LATER = [EXPOSURE, Exposure(0.09, 0.025), Exposure(0.13, 0.025), Exposure(0.15, 0.025)]
+# What looks for a motion, a clock or a strength in pictures, what simulates, and what draws.
+SEARCHES: list[tuple[str, Call]] = [
+    *((words, partial(rs.calibrate, [PLAIN] * frames, exposures, LOG, CAMERA)) for words, frames, exposures in (
+        ("one exposure for each frame", 4, LATER[:3]), ("one exposure for each frame", 3, LATER),
+        ("order of time", 2, LATER[1::-1]))),
+    ("the camera's is", lambda: rs.calibrate([PLAIN[:, :20]] * 4, LATER, LOG, CAMERA)),
+    ("search must run", lambda: rs.calibrate([PLAIN] * 4, LATER, LOG, CAMERA, search=(0.1, -0.1))),
+    *((words, partial(rs.calibrate_photos, [PLAIN] * 4, *given)) for words, given in (
+        ("at least 3 photos, got 2", (LATER[:2], LOG, CAMERA)), ("4 images and 5", ([*LATER, EXPOSURE], LOG, CAMERA)),
+        ("log must be a GyroLog", (LATER, None, CAMERA)), ("2 logs and 4 exposures", (LATER, [LOG] * 2, CAMERA)),
+        ("the camera", (LATER, LOG, Camera(WIDTH + 1, HEIGHT, 60.0))))),
+    *(("search must span", partial(rs.calibrate_photos, [PLAIN] * 4, LATER, LOG, CAMERA, search=search)) for search in (
+        (0.01, -0.01), (-1.0, 1.0))),
+    *((words, partial(rs.refine, GREY, LOG, CAMERA, EXPOSURE, free=free)) for words, free in (
+        ("nothing to refine", ()), ("with known_axes=True only", "acceleration"), ("free must be a sequence", 3),
+        ("free must be one of acceleration, drift, offset, readout, roll, scale; got 'focal'", ("drift", "focal")))),
+    ("one exposure for each image", lambda: rs.refine([GREY] * 2, LOG, CAMERA, LATER[:3])),
+    ("can hold", lambda: rs.refine(np.ones((64, 96)), LOG, Camera(96, 64, 9000.0), EXPOSURE)),
+    ("rsdeblur.refine first", lambda: rs.plan(LOG, CAMERA, EXPOSURE, Options(refine=True))),
+    ("drift must be at least 0", lambda: rs.Uncertainty(drift=-1.0)),
+    ("nothing to refine", lambda: rs.Uncertainty(**dict.fromkeys(asdict(rs.Uncertainty()), 0.0))),
+    *(("search", partial(rs.find_time_offset, np.zeros((64, 96)), LOG, Camera(96, 64, 100.0), EXPOSURE, search=search))
+      for search in ((0.0, 0.001), (0.1, -0.1), (math.nan, 1.0))),
+    ("64 px", lambda: rs.find_time_offset(GREY, LOG, CAMERA, EXPOSURE)),
+    ("one exposure for each image", lambda: rs.find_time_offset([GREY] * 2, LOG, CAMERA, [EXPOSURE])),
+    *((words, partial(rs.estimate.Tuning.of, light, BANK)) for words, lights in (
+        ("linear light as floats|real numbers", (GREY.astype(kind) for kind in (np.uint8, int, bool, complex, object))),
+        ("image must be finite", [spoilt(math.nan)]),
+        ("image must have shape", (np.zeros(shape, "f") for shape in ((7,), (0, 7), (1, 2, 3, 4)))),
+    ) for light in lights),
+    *((words, partial(rs.deblur_burst, images, LOG, CAMERA, LATER[:3], **{"prior": "wiener"} | given))
+      for words, images, given in (
+        ('border="unknown"', [IMAGE] * 3, {"border": "unknown", "prior": "tv"}),
+        ("takes no border unknown", [IMAGE] * 3, {"border": "unknown", "mode": "rowwise"}),
+        ("mode must be one of auto, banded, global, rowwise", [IMAGE] * 3, {"mode": "rows"}),
+        ("reference", [IMAGE] * 3, {"reference": 3}), ("2 to 64 frames", [IMAGE], {}),
+        ("each frame needs an exposure", [IMAGE] * 2, {}), ("frame 2 has shape", [IMAGE, IMAGE, PLAIN], {}),
+        ("frame 2: the picture is 48x12", [IMAGE, IMAGE, IMAGE[:12]], {}))),
+    *(("the denoiser", partial(TILES.apply, PLAIN, prior=deconv.PlugAndPlayPrior(lambda *_, found=found: found, 0.01)))
+      for found in (PIXELS, PIXELS.astype("f"), np.full(SHAPE, math.nan), None, "a", PLAIN > 0.5, PLAIN.astype("c8"))),
+    ("gyro samples, more than", lambda: burst_captures(
+        GyroLog(np.arange(17_600) / 8000, np.zeros((17_600, 3))), CAMERA, [Exposure(0.05, 1.5), Exposure(1.8, 0.01)])),
+    *((f"{name} must be", partial(rs.scene, *size)) for name, size in (
+        ("height", (63, 100)), ("width", (100, 10)), ("height", (100.5, 100)))),
+    *((f"{name} must be", partial(rs.hand_shake, **{"duration": 1.0, name: value})) for name, value in (
+        ("duration", 0.0), ("rate", 20.0), ("strength", -1.0))),
+    *((words, partial(rs.simulate_clip, IMAGE, LOG, CAMERA, **{"exposures": [EXPOSURE]} | given)) for words, given in (
+        ("at least one exposure", {"exposures": []}), ("noise must be at most", {"noise": 1e30}),
+        ("samples must be", {"samples": 10**9}))),
+    *((words, partial(rs.simulate, IMAGE, log, CAMERA, exposure)) for words, log, exposure in (
+        (r"misses 20\.000 ms at", STILL, Exposure(-0.02, 0.05)), ("clocks", STILL, Exposure(0.1, 0.05, 10**18)),
+        ("a gap of", GyroLog(T[[0, 1, 2, 3, 8, 9, 10]], np.zeros((7, 3))), Exposure(0.2, 0.4)))),
+    ("picture must have shape", lambda: psf_map(BANK, SHAPE, picture=np.ones((36, 49), np.float32))),
+    ("'b' has 80x61 px", lambda: side_by_side({"a": np.zeros((60, 80), "f"), "b": np.zeros((61, 80), "f")})),
+    ("shape", lambda: side_by_side({"a": np.zeros(5, np.float32)})),
+]  # fmt: skip
 REFUSED = [*((words, partial(Options, **given)) for given, words in OPTIONS), *PICTURES, *SOLVERS, *KERNELS]
-REFUSED += [*CAMERAS, *LOGS]
+REFUSED += [*CAMERAS, *LOGS, *SEARCHES]
 
 
 @pytest.mark.filterwarnings("ignore:gyro rates look like degrees", "ignore:a focal length of")
@@ -246,3 +308,175 @@ def test_values_out_of_range_are_refused_by_name(words: str, call: Call) -> None
     with pytest.raises((InputError, CoverageError), match=words) as refusal:
         call()
     assert len(str(refusal.value)) < LONGEST
+
+
+# Nothing that any argument of these functions takes.
+NEVER: dict[str, Any] = {
+    "object": object(),
+    "path": Path("gyro.csv"),
+    "bytes": b"x",
+    "empty dict": {},
+    "ragged": [[0.5, 0.5], [0.5]],
+    "masked": np.ma.masked_array(PLAIN, mask=PLAIN > 0.9),
+    "complex": PLAIN.astype(complex),
+    "text": "abc",
+    "array": np.ones(5),
+    "short tuple": (1,),
+    "huge": 10**400,
+    "NumPy's duration": np.timedelta64(1, "s"),
+}
+
+
+def options(function: Callable[..., Any], arguments: tuple[Any, ...], names: str) -> dict[str, Door]:
+    """Return calls of a function with one keyword argument replaced."""
+    prefix = getattr(function, "__name__", "")
+
+    def replacing(name: str) -> Door:
+        return lambda value: function(*arguments, **{name: value})
+
+    return {f"{prefix}: {name}": replacing(name) for name in names.split()}
+
+
+# Calls, by the function and the argument that is replaced.
+CALLS: dict[str, Door] = {
+    "deblur: image": lambda x: rs.deblur(x, LOG, CAMERA, EXPOSURE),
+    "deblur: exposure": lambda x: rs.deblur(PLAIN, LOG, CAMERA, x),
+    **options(
+        rs.deblur,
+        (PLAIN, LOG, CAMERA, EXPOSURE),
+        "mode bands strips prior weight exponent nsr noise solver geometry border motion translation softness "
+        "transfer normalize saturation check fallback planning threads max_memory out progress",
+    ),
+    "deconvolve: image": lambda x: rs.deconvolve(x, BANK),
+    "deconvolve: psf": lambda x: rs.deconvolve(PLAIN, x),
+    **options(
+        rs.deconvolve,
+        (PLAIN, BANK),
+        "prior weight exponent nsr noise border transfer normalize saturation planning threads max_memory out progress",
+    ),
+    **options(rs.psfs, (LOG, CAMERA, EXPOSURE), "mode bands strips nsr motion translation softness"),
+    "plan: options": lambda x: rs.plan(LOG, CAMERA, EXPOSURE, x),
+    "Plan.apply: image": lambda x: PLAN.apply(x),
+    "Plan.prepare: image": lambda x: PLAN.prepare(x),
+    "GyroLog: omega": lambda x: GyroLog([0, 1], x),
+    "GyroLog: epoch_ns": lambda x: GyroLog([0, 1], [[0, 0, 0], [0, 0, 0]], x),
+    "minus_bias: b": LOG.minus_bias,
+    "gaps: factor": lambda x: LOG.gaps(factor=x),
+    "covering: t0": lambda x: LOG.covering(x, 0.1, 0),
+    "Camera: width": lambda x: Camera(x, 36, 60.0),
+    **options(
+        Camera,
+        (48, 36, 60.0),
+        "principal_point readout_time readout_direction time_offset distortion_model distortion timestamp_marks",
+    ),
+    "rays: points": CAMERA.rays,
+    "scaled: s": CAMERA.scaled,
+    "cropped: left": lambda x: CAMERA.cropped(x, 0, 10, 10),
+    "Exposure: start": lambda x: Exposure(x, 0.1),
+    "window: camera": lambda x: EXPOSURE.window([1.0], x),
+    "Translation: position": lambda x: rs.Translation([0, 1], x, 1.0),
+    "from_log: log": lambda x: Capture.from_log(x, CAMERA, EXPOSURE),
+    "from_capture: capture": lambda x: BlurPaths.from_capture(x, [1.0], [1.0]),
+    "every_row: within": lambda x: BlurPaths.every_row(CAPTURE, [1.0], within=x),
+    "BlurPaths: displacements": lambda x: BlurPaths(x, [1.0], [1.0]),
+    "PsfBank: kernels": lambda x: PsfBank(x, [1.0], [1.0]),
+    "for_picture: shape": lambda x: PsfBank.for_picture(np.ones((1, 1)), x),
+    "cut: rows": lambda x: BANK.cut(x, slice(0, 9)),
+    "turned: height": BANK.turned,
+    "Deconvolver: bank": lambda x: rs.Deconvolver(x, SHAPE),
+    **options(rs.Deconvolver, (BANK, SHAPE), "nsr border planning threads"),
+    "Deconvolver.apply: image": WIENER.apply,
+    "Deconvolver.replan: bank": WIENER.replan,
+    "TileQuadratic.apply: image": lambda x: TILES.apply(x, prior=PRIOR),
+    "RowDeconvolver: paths": lambda x: deconv.RowDeconvolver(x, SHAPE),
+    **options(deconv.RowDeconvolver, (PATHS, SHAPE), "nsr solver border planning threads"),
+    "RowDeconvolver.apply: image": ROWS.apply,
+    "RowBlur: paths": lambda x: deconv.RowBlur(x, 48),
+    "forward: latent": BLUR.forward,
+    "DerivativePrior: kind": lambda x: deconv.DerivativePrior(x, 0.1),
+    "PlugAndPlayPrior: denoise": lambda x: deconv.PlugAndPlayPrior(x, 0.1),
+    "Tuning.of: light": lambda x: rs.estimate.Tuning.of(x, BANK),
+    "Layer: opacity": lambda x: rs.simulation.Layer(PLAIN, x),
+    "refine: image": lambda x: rs.refine(x, LOG, CAMERA, EXPOSURE),
+    **options(rs.refine, (PLAIN, LOG, CAMERA, EXPOSURE), "translation uncertainty transfer known_axes progress"),
+    "refine of several: exposure": lambda x: rs.refine([PLAIN] * 2, LOG, CAMERA, [x] * 2),
+    **options(rs.Uncertainty, (), "scale drift offset readout roll"),
+    **options(rs.Correction, (), "scale drift_x drift_y offset readout roll"),
+    "Estimate: value": lambda x: rs.calibration.Estimate(x, 0.1, "s"),
+    "calibrate: exposures": lambda x: rs.calibrate([PLAIN] * 2, x, LOG, CAMERA),
+    **options(rs.calibrate, ([PLAIN] * 2, [EXPOSURE] * 2, LOG, CAMERA), "search progress"),
+    "simulate_clip: exposures": lambda x: list(rs.simulate_clip(PLAIN, LOG, CAMERA, x)),
+    "Trajectory.translation: exposure": lambda x: TRAJECTORY.translation(x, CAMERA, 1.0),
+    "Translation.drift: known": lambda x: rs.Translation.drift((1, 0), CAMERA, EXPOSURE, known=x),
+    "PsfBank.padded: size": BANK.padded,
+    "BlurPaths: softness": lambda x: BlurPaths(PATHS.displacements, PATHS.rows, PATHS.cols, x),
+    "triage: log": lambda x: rs.triage(x, CAMERA, [EXPOSURE]),
+    **options(rs.triage, (LOG, CAMERA, [EXPOSURE]), "keep drop progress"),
+    "find_time_offset: exposure": lambda x: rs.find_time_offset([PLAIN], LOG, CAMERA, [x]),
+    "simulate: sharp": lambda x: rs.simulate(x, LOG, CAMERA, EXPOSURE),
+    **options(rs.simulate, (PLAIN, LOG, CAMERA, EXPOSURE), "noise samples translation transfer"),
+    "scene: height": lambda x: rs.scene(x, 64),
+    "hand_shake: duration": rs.hand_shake,
+    "read_camera: size": lambda x: rs.read_camera("camera.toml", size=x),
+    "write_picture: force": lambda x: rs.write_picture("a.png", PIXELS, force=x),
+    "to_linear: transfer": lambda x: rs.to_linear(PLAIN, x),
+    "show_config: mode": rs.show_config,
+}
+# Values that an argument does take.
+FITS = {("deblur: max_memory", "huge"), ("deconvolve: max_memory", "huge")}
+# Arguments that may be None.
+OPTIONAL = {
+    "translation", "threads", "max_memory", "out", "progress", "options", "principal_point", "size", "bits", "like",
+    "uncertainty", "mode", "prior", "known", "sd",
+}  # fmt: skip
+
+
+def fault(call: str, value: Any) -> str | None:
+    """Return what is wrong with the answer to a value that is no argument."""
+    # Linear light is an image, whatever the argument is called.
+    argument = {"light": "image"}.get(name := call.rpartition(": ")[2], name)
+    try:
+        CALLS[call](value)
+    except rs.RsdeblurError as refusal:
+        text = str(refusal)
+        return None if re.search(rf"\b{argument}\b", text) and len(text) < 500 else text
+    except Exception as error:
+        return repr(error)
+    return "taken"
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_what_is_no_argument_is_refused_by_name(call: str, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    values = NEVER if call.rpartition(": ")[2] in OPTIONAL else NEVER | {"none": None}
+    for kind in values:
+        if (call, kind) in FITS:
+            CALLS[call](values[kind])
+    faults = {kind: fault(call, value) for kind, value in values.items() if (call, kind) not in FITS}
+    assert {kind: text for kind, text in faults.items() if text is not None} == {}
+
+
+@pytest.mark.parametrize("function", [rs.read_gyro, rs.read_camera, rs.read_captures, rs.read_picture, BANK.save])
+def test_what_is_no_path_is_refused(function: Door) -> None:
+    for path in (None, 1, True, 1.5, b"a.csv", [], PIXELS):
+        with pytest.raises(InputError, match="path must be the path of a file, got"):
+            function(path)
+
+
+def test_noise_of_minus_zero_is_none() -> None:
+    assert np.isfinite(rs.simulate(PLAIN, LOG, CAMERA, EXPOSURE, noise=-0.0).blurred).all()
+
+
+def test_lists_are_taken_for_arrays() -> None:
+    picture, paths = PLAIN.tolist(), PATHS
+    expected = rs.deblur(PLAIN.astype(np.float64), LOG, CAMERA, EXPOSURE, prior="wiener", nsr=0.01).image
+    np.testing.assert_array_equal(rs.deblur(picture, LOG, CAMERA, EXPOSURE, prior="wiener", nsr=0.01).image, expected)
+    np.testing.assert_array_equal(WIENER.apply(picture), WIENER.apply(PLAIN))
+    np.testing.assert_array_equal(
+        BlurPaths(paths.displacements.tolist(), paths.rows.tolist(), paths.cols.tolist()).displacements,
+        paths.displacements,
+    )
+    np.testing.assert_array_equal(CAMERA.rays([[1, 2], [3, 4]]), CAMERA.rays(np.array([[1.0, 2.0], [3.0, 4.0]])))
+    np.testing.assert_array_equal(CAMERA.project([0.1, 0.2, 1]), CAMERA.project(np.array([0.1, 0.2, 1.0])))
+    np.testing.assert_array_equal(rs.to_linear(picture, "srgb"), rs.to_linear(PLAIN.astype(np.float64), "srgb"))
+    assert Camera(48, 36, [60, 60], [23.5, 17.5]).focal_length == (60.0, 60.0)

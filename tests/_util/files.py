@@ -1,7 +1,5 @@
 """Small valid files of every format that is read, and functions that pack compressed formats."""
 
-from __future__ import annotations
-
 import json
 import struct
 import zipfile
@@ -143,13 +141,18 @@ def sensorlogger_json() -> bytes:
     return json.dumps(entries).encode()
 
 
+def zipped(members: dict[str, Any], method: int = zipfile.ZIP_DEFLATED) -> bytes:
+    """Return a zip archive."""
+    buffer = BytesIO()
+    with zipfile.ZipFile(buffer, "w", method) as file:
+        for name, content in members.items():
+            file.writestr(name, content)
+    return buffer.getvalue()
+
+
 def archive(member: bytes, metadata: str = "version,device name,platform\n3,phone,android\n") -> bytes:
     """Return a zip archive of a log and its metadata."""
-    buffer = BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
-        file.writestr("session/Gyroscope.csv", member)
-        file.writestr("session/Metadata.csv", metadata)
-    return buffer.getvalue()
+    return zipped({"session/Gyroscope.csv": member, "session/Metadata.csv": metadata})
 
 
 def trailer(count: int = len(RATES), oldest: int = 7) -> bytes:
@@ -351,6 +354,20 @@ def exif() -> bytes:
     block.get_ifd(34665).update(camera)
     block[34853] = {1: "N", 2: (1.0, 2.0, 3.5)}
     return block.tobytes()
+
+
+def lens(**changes: Any) -> str:
+    """Return a lens profile without other settings."""
+    return json.dumps(PROFILE | {"compatible_settings": None} | changes)
+
+
+def photo(size: tuple[int, int], **tags: Any) -> bytes:
+    """Return a JPEG with tags of the camera."""
+    numbers = {"f35": 0xA405, "focal_length": 0x920A, "resolution": 0xA20E, "unit": 0xA210, "across": 0xA002}
+    block, buffer = Image.Exif(), BytesIO()
+    block.get_ifd(0x8769).update({(numbers | {"zoom": 0xA404})[name]: value for name, value in tags.items()})
+    Image.new("RGB", size).save(buffer, "JPEG", exif=block)
+    return buffer.getvalue()
 
 
 def encoded(kind: str, pixels: NDArray[Any], mode: str | None = None, **options: Any) -> bytes:

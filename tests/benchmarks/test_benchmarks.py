@@ -1,7 +1,5 @@
 """Baselines, and the benchmarks' own machinery: how times are compared, and what happens where something is missing."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from functools import cache

@@ -1,29 +1,16 @@
 """Laws of colours at half the resolution."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import (
-    Camera,
-    Deconvolver,
-    Exposure,
-    Options,
-    PsfBank,
-    deblur,
-    deconvolve,
-    hand_shake,
-    psfs,
-    scene,
-    simulate,
-)
+from rsdeblur import Camera, Deconvolver, Exposure, Options, PsfBank, deblur, deconvolve, hand_shake, scene, simulate
 from rsdeblur.deconv import DerivativePrior, TileQuadratic
 from rsdeblur.deconv.chroma import luma_share
 from rsdeblur.kernels.chroma import separate
+from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.pipeline.solver import Chunk, PictureSolver, Strengths
 
 CAMERA, LOG, NSR, WEIGHT = Camera(161, 121, 170.0, readout_time=0.02), hand_shake(0.3, seed=3), 0.003, 0.003

@@ -5,10 +5,9 @@ import sys
 import numpy as np
 import pytest
 
-from rsdeblur import InputError
+from rsdeblur import InputError, scene
 from rsdeblur.deconv import cnn
 from rsdeblur.deconv.cnn import BLOCK, cnn_denoise
-from rsdeblur.simulation.scene import scene
 from tests.installed import needs
 
 needs("cnn")

@@ -1,15 +1,83 @@
-"""RowDeconvolver: against dense systems, and the laws of all solvers of this package."""
-
-from __future__ import annotations
+"""RowBlur: a linear operator, its adjoint, and the simulator; RowDeconvolver: the laws of all solvers."""
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from rsdeblur import Camera, Exposure, scene, simulate
 from rsdeblur.deconv import DerivativePrior, RowBlur, RowDeconvolver
 from rsdeblur.estimate.strength import LENS
-from rsdeblur.simulation.scene import scene
-from tests.deconv.test_rowwise_blur import H, W, still_paths, wavy_paths
+from rsdeblur.kernels.spread import interpolated
+from rsdeblur.motion import BlurPaths, Capture
+
+H, W = 40, 33
+
+
+def wavy_paths(rows=H, cols=(W / 2,), *, down=3.0, across=5.0, samples=25):
+    """Paths that turn and grow down the picture and from strip to strip."""
+    y, t = np.arange(float(rows)), np.linspace(-1.0, 1.0, samples)
+    angle = 2 * np.pi * (y[:, None, None] / rows + 0.1 * np.arange(len(cols))[:, None] + 0.2 * t)
+    paths = np.stack([across * t * np.cos(angle), down * t * np.sin(angle) + 0.5 * np.cos(3 * t + angle)], axis=-1)
+    return BlurPaths(paths, y, np.array(cols, dtype=float))
+
+
+def still_paths(rows=H, cols=(W / 2,)):
+    return BlurPaths(np.zeros((rows, len(cols), 2, 2)), np.arange(float(rows)), np.array(cols, dtype=float))
+
+
+@pytest.mark.parametrize("cols", [(16.0,), (3.0, 12.0, 25.0)])
+def test_adjoint_is_the_adjoint(cols):
+    blur = RowBlur(wavy_paths(cols=cols), W, channels=2)
+    rng = np.random.default_rng(0)
+    latent, picture = rng.normal(size=blur.latent_shape), rng.normal(size=blur.picture_shape)
+    forward, adjoint = np.vdot(blur.forward(latent), picture), np.vdot(latent, blur.adjoint(picture))
+    assert abs(forward - adjoint) < 1e-5 * np.linalg.norm(latent) * np.linalg.norm(picture) / np.sqrt(latent.size)
+
+
+def test_each_row_is_convolved_with_its_own_psf():
+    paths = wavy_paths()
+    blur = RowBlur(paths, W)
+    latent = np.random.default_rng(1).random(blur.latent_shape[:2])
+    half_width, half_height = (int(np.abs(paths.displacements[..., axis]).max()) + 5 for axis in (0, 1))
+    expected = np.zeros((H, W))
+    for (y, i, j), weight in np.ndenumerate(interpolated(paths.displacements[:, 0], half_height, half_width)):
+        if weight:
+            expected[y] += weight * np.roll(latent[y - (i - half_height) - blur.top], j - half_width)
+    # float32 sums of a picture in [0, 1].
+    np.testing.assert_allclose(blur.forward(latent), expected, atol=2e-6)
+
+
+def test_offsets_of_many_pixels_shift():
+    """Rectifying paths lie far from zero."""
+    paths = still_paths()
+    moved = BlurPaths(paths.displacements + np.array([40.0, -17.0]), paths.rows, paths.cols)
+    blur = RowBlur(moved, W)
+    latent = np.random.default_rng(3).random(blur.latent_shape[:2], dtype=np.float32)
+    expected = np.roll(latent[17 - blur.top : H + 17 - blur.top], 40, axis=1)
+    np.testing.assert_allclose(blur.forward(latent), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("geometry", ["keep", "rectify"])
+def test_agrees_with_the_simulator(shaky_log, geometry):
+    """The simulator warps the scene by cubic splines and shares no code with the paths."""
+    camera, exposure = Camera(160, 120, 150.0, readout_time=0.03), Exposure(0.1, 1 / 30)
+    log, world = shaky_log(), gaussian_filter(scene(200, 240), (1, 1, 0))
+    seen = simulate(world, log, camera, exposure)
+    capture = Capture.from_log(log, camera, exposure)
+    cols = np.arange(8, 160, 16.0)
+    blur = RowBlur(BlurPaths.every_row(capture, cols, geometry=geometry), 160, channels=3)
+    # Beyond the frame lies the surrounding scene or, for the rolling picture, a copy of its border rows.
+    latent = np.zeros(blur.latent_shape, dtype=np.float32)
+    rows = np.arange(len(latent)) + blur.top
+    if geometry == "keep":
+        latent[...] = seen.rolling[rows.clip(0, 119)]
+    else:
+        latent[...] = world[(rows + 40).clip(0, 199), 40:200]
+    inside = np.s_[16:-16, 24:-24]
+    error = np.sqrt(np.mean((blur.forward(latent) - seen.blurred)[inside] ** 2))
+    # PSFs are bilinear, and the scene is as soft as behind a lens. Measured: 0.0028 (51 dB), for a blur of 0.02.
+    assert error < 0.004
+
 
 # Transforms of values near 1 in float32, times a gain of at most 1 / (2 sqrt(nsr)) = 5.
 FLOAT32 = 2e-5

@@ -1,12 +1,9 @@
 """The Deconvolver: against its equation, and the laws that tiling must not break."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from rsdeblur import Deconvolver, InputError, PsfBank
-from rsdeblur.simulation.scene import scene
+from rsdeblur import Deconvolver, InputError, PsfBank, scene
 
 H, W = 90, 122
 # Forward and inverse float32 transforms of values near 1, times a gain of at most 1 / (2 sqrt(nsr)) = 5.

@@ -1,7 +1,5 @@
 """The check of a result: right and wrong motion, what cannot be judged, the blend towards the input."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -9,13 +7,11 @@ import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Camera, Correction, Exposure, InputError, deblur, simulate
+from rsdeblur import Camera, Correction, Exposure, InputError, deblur, hand_shake, scene, simulate
 from rsdeblur.estimate import Refinement
 from rsdeblur.estimate.check import doubted_by
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.pipeline.steps import fall_back
-from rsdeblur.simulation.scene import scene
-from rsdeblur.simulation.shake import hand_shake
 
 RECORDING = hand_shake(0.3, seed=3), Camera(320, 256, 350.0, readout_time=0.02), Exposure(0.08, 1 / 25)
 

@@ -1,15 +1,11 @@
 """Noise that must be measured, detail that must not be mistaken for it, and the error of PSFs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import ndimage
 
-from rsdeblur import PsfBank
+from rsdeblur import PsfBank, from_linear, scene, to_linear
 from rsdeblur.estimate.noise import gradient_energy, measure_floors, noise_level, overall_noise
-from rsdeblur.image.transfer import from_linear, to_linear
-from rsdeblur.simulation.scene import scene
 
 
 @pytest.fixture(scope="module")

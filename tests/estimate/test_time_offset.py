@@ -1,19 +1,12 @@
 """The clock offset from one picture: known offsets of simulated captures, and motions that do not determine it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, Exposure, GyroLog, InputError, simulate
+from rsdeblur import Camera, Exposure, GyroLog, find_time_offset, hand_shake, scene, simulate
 from rsdeblur.estimate.rival_axes import OTHER_AXES
-from rsdeblur.estimate.time_offset import AT_END, find_time_offset
-from rsdeblur.io import read_camera
-from rsdeblur.io.cameras import write_time_offset
-from rsdeblur.simulation.scene import scene
-from rsdeblur.simulation.shake import hand_shake
 
 CAMERA = Camera(224, 160, 350.0, readout_time=0.03)
 EXPOSURE = Exposure(0.5, 1 / 25)
@@ -56,8 +49,6 @@ def test_several_photos_share_an_offset():
     found = find_time_offset(pictures, GENTLE, CAMERA, exposures, search=(-0.01, 0.01))
     # As for one picture: the requirement is 2 ms.
     assert found.best == pytest.approx(0.0, abs=2e-3)
-    with pytest.raises(InputError, match="one exposure for each image"):
-        find_time_offset(pictures, GENTLE, CAMERA, exposures[:1])
 
 
 def test_constant_rates_give_no_answer():
@@ -67,20 +58,12 @@ def test_constant_rates_give_no_answer():
     assert search.reason
 
 
-@pytest.mark.parametrize(
-    ("axes", "reasons"),
-    [([[0, -1, 0], [1, 0, 0], [0, 0, 1]], (OTHER_AXES, AT_END)), ([[-1, 0, 0], [0, -1, 0], [0, 0, 1]], (OTHER_AXES,))],
-    ids=["a quarter turn", "half a turn"],
-)
-def test_wrong_axes_give_no_answer(axes, reasons):
-    """The picture becomes sharper with an offset, but the right axes explain it better.
-
-    The spectra of half a turn are those of the right axes; the sharp picture is not.
-    """
-    camera = replace(CAMERA, imu_to_camera=axes)
+def test_axes_turned_by_half_a_turn_give_no_answer():
+    """The spectra are those of the right axes; the sharp picture is not, and the right axes explain it better."""
+    camera = replace(CAMERA, imu_to_camera=np.diag([-1, -1, 1]))
     found = find_time_offset(photo(GENTLE), GENTLE, camera, EXPOSURE, search=SEARCH)
     assert found.time_offset is None
-    assert found.reason in reasons
+    assert found.reason == OTHER_AXES
 
 
 def test_a_log_that_begins_beside_the_exposure_is_searched_as_far_as_it_goes():
@@ -90,25 +73,3 @@ def test_a_log_that_begins_beside_the_exposure_is_searched_as_far_as_it_goes():
     assert np.isfinite(search.best)
     # A gyro clock that is later than the camera's by more has no samples there.
     assert search.offsets.max() <= exposure.start
-
-
-@pytest.mark.parametrize("search", [(0.0, 0.001), (0.1, -0.1), (np.nan, 1.0)])
-def test_impossible_searches_are_refused(search):
-    with pytest.raises(InputError, match="search"):
-        find_time_offset(np.zeros((160, 224)), hand_shake(1.0), CAMERA, EXPOSURE, search=search)
-
-
-def test_small_pictures_are_refused():
-    with pytest.raises(InputError, match="64 px"):
-        find_time_offset(np.zeros((60, 60)), hand_shake(1.0), Camera(60, 60, 100.0), EXPOSURE)
-
-
-@pytest.mark.parametrize("line", ["", "time_offset = 0.5 # guessed\n"])
-def test_the_camera_file_keeps_its_other_lines(tmp_path, line):
-    file = tmp_path / "camera.toml"
-    file.write_text(f"# mine\nwidth = 64\nheight = 48\n{line}focal_length = 70.0\nreadout_time = 0.01")
-    write_time_offset(file, -1.25e-3)
-    assert read_camera(file).time_offset == -1.25e-3
-    text = file.read_text()
-    assert text.startswith("# mine\nwidth = 64\nheight = 48\n")
-    assert ("# guessed" in text) is bool(line)

@@ -1,7 +1,5 @@
 """Mutations of files: random damage, careless programs and malice."""
 
-from __future__ import annotations
-
 import random
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Seeds with metadata: EXIF blocks, XMP packets, and pictures with parts that no copy can keep."""
 
-from __future__ import annotations
-
 import struct
 from io import BytesIO
 from typing import Any
@@ -9,8 +7,8 @@ from typing import Any
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from rsdeblur.io import picture_output
-from rsdeblur.io._metadata import PNG_IPTC, Picture, png_iptc
+from rsdeblur.io import Picture, picture_output
+from rsdeblur.io._metadata import PNG_IPTC, png_iptc
 from tests._util import files
 
 RECORD = b"\x1c\x02\x78\x00\x05hello"

@@ -1,7 +1,5 @@
 """What is damaged: the readers, valid files, and what must hold for everything that is read."""
 
-from __future__ import annotations
-
 import json
 import random
 from collections.abc import Callable, Sequence
@@ -12,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur.io import open_camera, read_acceleration, read_picture, read_trajectory, write_picture
+from rsdeblur import PsfBank, read_picture, write_picture
+from rsdeblur.io import open_camera, read_acceleration, read_trajectory
 from rsdeblur.io.picture_output import picture_to_fill
-from rsdeblur.psf import PsfBank
 from rsdeblur.report.files import camera_facts, capture_facts, gyro_facts, picture_facts
 from tests._util import files
 from tests.hostile import packets
@@ -43,7 +41,7 @@ class Target:
         Makes a file of the damaged content, for formats with check sums or compression, which reject random damage.
     """
 
-    read: Callable[[Path], None]
+    read: Callable[[Path], Any]
     seeds: Callable[[], Sequence[bytes]]
     name: str = "file.bin"
     text: bool = False
@@ -72,10 +70,6 @@ def _gyro(path: Path) -> None:
 
 def _unstamped(path: Path) -> None:
     json.dumps(gyro_facts(path, AS_IS | {"rate": 200.0}))
-
-
-def _acceleration(path: Path) -> None:
-    read_acceleration(path)
 
 
 def _trajectory(path: Path) -> None:
@@ -109,11 +103,7 @@ def _mapped(path: Path) -> None:
             out[...] = picture.pixels
 
 
-def _bank(path: Path) -> None:
-    PsfBank.load(path)
-
-
-def _text(read: Callable[[Path], None], texts: Sequence[bytes] | dict[str, str], name: str) -> Target:
+def _text(read: Callable[[Path], Any], texts: Sequence[bytes] | dict[str, str], name: str) -> Target:
     contents = [text.encode() for text in texts.values()] if isinstance(texts, dict) else texts
     return Target(read, lambda: contents, name, text=True)
 
@@ -121,7 +111,7 @@ def _text(read: Callable[[Path], None], texts: Sequence[bytes] | dict[str, str],
 TARGETS: dict[str, Target] = {
     **{name: _text(_gyro, tables, "log.csv") for name, tables in files.GYRO_TABLES.items()},
     "unstamped": _text(_unstamped, files.UNSTAMPED, "log.csv"),
-    "acceleration": _text(_acceleration, files.ACCELERATIONS, "accel.csv"),
+    "acceleration": _text(read_acceleration, files.ACCELERATIONS, "accel.csv"),
     "trajectory": _text(_trajectory, files.TRAJECTORIES, "poses.txt"),
     "sensorlogger-json": Target(_gyro, lambda: [files.sensorlogger_json()], "log.json", text=True),
     "gyrodata": Target(_gyro, lambda: [files.trailer()], "a.jpg"),
@@ -165,5 +155,5 @@ TARGETS: dict[str, Target] = {
     "mapped": Target(_mapped, lambda: [*files.npys(), *files.tiffs()], "a.npy"),
     "heic": Target(_picture, lambda: [files.heic(), *packets.heics()], "a.heic"),
     "dng": Target(_picture, lambda: [files.dng()], "a.dng"),
-    "psf-bank": Target(_bank, lambda: [files.bank()], "bank.npz"),
+    "psf-bank": Target(PsfBank.load, lambda: [files.bank()], "bank.npz"),
 }

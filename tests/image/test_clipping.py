@@ -1,16 +1,13 @@
-"""Beside clipped light, a result keeps to the colours of the photo around it, and nothing else changes."""
-
-from __future__ import annotations
+"""Beside clipped light a result keeps to the photo's colours, below black it fades to the photo; all else stays."""
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rsdeblur import Camera, Exposure, deblur, simulate
+from rsdeblur import Camera, Exposure, Translation, deblur, hand_shake, scene, simulate
 from rsdeblur.image.clipping import keep_colours_near_clipped
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.simulation.scene import scene
-from rsdeblur.simulation.shake import hand_shake
+from rsdeblur.image.undershoot import fade_undershoot
 
 # A window is 5 cells of 8 px: limits hold up to 2 cells from clipped pixels, and set in over another one. The weight
 # is interpolated to the pixels of one more.
@@ -51,24 +48,17 @@ def test_what_is_white_over_a_whole_psf_gets_no_darker() -> None:
 
 
 def test_a_photo_without_clipped_pixels_is_not_touched() -> None:
+    """Floats that exceed 1 were not clipped there."""
     sharp, photo = pictures()
-    limited = sharp.copy()
-    keep_colours_near_clipped(limited, EncodedImage(np.minimum(photo, np.uint8(254)), "srgb"), 0, SIZE)
-    np.testing.assert_array_equal(limited, sharp)
+    beyond = (photo / np.float32(255)).astype(np.float32)
+    beyond[-1, -1] = 1.5
+    for encoded in (EncodedImage(np.minimum(photo, np.uint8(254)), "srgb"), EncodedImage(beyond, "linear")):
+        limited = sharp.copy()
+        keep_colours_near_clipped(limited, encoded, 0, SIZE)
+        np.testing.assert_array_equal(limited, sharp)
 
 
-def test_floats_beyond_one_are_not_clipped_at_one() -> None:
-    sharp, photo = pictures()
-    values = (photo / np.float32(255)).astype(np.float32)
-    values[-1, -1] = 1.5
-    limited = sharp.copy()
-    keep_colours_near_clipped(limited[:50], EncodedImage(values, "linear"), 0, SIZE)
-    np.testing.assert_array_equal(limited, sharp)
-
-
-def test_a_coloured_photo_that_is_overexposed_gains_and_linear_filters_stay_linear(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_coloured_photo_that_is_overexposed_gains_and_linear_filters_stay_linear(monkeypatch):
     camera, exposure, log = Camera(192, 144, 260.0), Exposure(0.2, 0.05), hand_shake(0.5, seed=4)
     # Channels clip one after the other.
     light, _, rolling = simulate(np.array([4, 3, 2], np.float32) * scene(184, 232), log, camera, exposure, noise=0.004)
@@ -82,3 +72,50 @@ def test_a_coloured_photo_that_is_overexposed_gains_and_linear_filters_stay_line
     monkeypatch.setattr("rsdeblur.pipeline.steps.keep_colours_near_clipped", lambda *_, **__: None)
     assert limited < error()
     assert linear == error(prior="wiener")
+
+
+def fading(height: int = 90, width: int = 70) -> tuple[NDArray[np.float32], EncodedImage]:
+    random = np.random.default_rng(0)
+    sharp, blurred = random.uniform(0.1, 1, (2, height, width, 3)).astype(np.float32)
+    return sharp, EncodedImage(blurred, "linear")
+
+
+def test_light_above_black_is_not_touched() -> None:
+    sharp, encoded = fading()
+    faded = sharp.copy()
+    fade_undershoot(faded, encoded, 0, SIZE)
+    np.testing.assert_array_equal(faded, sharp)
+
+
+def test_only_the_blurred_picture_is_left_where_much_light_is_below_black() -> None:
+    sharp, encoded = fading()
+    sharp[30:70, 20:60] = -0.5
+    faded = sharp.copy()
+    fade_undershoot(faded, encoded, 0, SIZE)
+    np.testing.assert_allclose(faded[35:65, 25:55], encoded.values[35:65, 25:55], atol=1e-6)
+    # The Gaussian ends at 4 standard deviations of 0.15 PSFs each, and cells are half of one wide.
+    np.testing.assert_array_equal(faded[:12], sharp[:12])
+
+
+@pytest.mark.parametrize("peak", [2.0**-14, 0.0])
+def test_dark_pictures_fade_as_bright_ones(peak: float) -> None:
+    """Priors take the bright parts of a picture for 1e-3 at least; here, only a black picture has none."""
+    sharp, encoded = fading()
+    sharp[30:70, 20:60] = -0.5
+    dark, light = peak * sharp, sharp.copy()
+    fade_undershoot(dark, EncodedImage(peak * encoded.values, encoded.transfer), 0, SIZE, peak)
+    fade_undershoot(light, encoded, 0, SIZE)
+    # A power of two scales floats exactly, so nothing is rounded differently.
+    np.testing.assert_array_equal(dark, peak * light)
+
+
+def test_a_wrong_motion_leaves_no_black_stripes_and_a_right_one_loses_nothing() -> None:
+    camera, exposure, log = Camera(192, 144, 260.0), Exposure(0.2, 0.05), hand_shake(0.5, seed=4)
+    blurred, _, rolling = simulate(0.05 + 0.95 * scene(184, 232), log, camera, exposure, noise=0.004)
+    right, wrong = (
+        deblur(blurred, log, camera, exposure, translation=moved, check=False).image
+        for moved in (None, Translation.drift((8, 4), camera, exposure))
+    )
+    assert (wrong < -0.01).mean() < 1e-3
+    error = np.square(np.clip(right, 0, 1) - rolling).mean()
+    assert error < np.square(blurred - rolling).mean() / 2

@@ -1,7 +1,5 @@
 """Clipped highlights: found, separated from the picture, added back."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
@@ -9,15 +7,10 @@ import pytest
 from scipy import ndimage
 
 import rsdeblur
-from rsdeblur import Camera, Exposure, GyroLog, InputError, simulate
+from rsdeblur import Camera, Exposure, GyroLog, InputError, hand_shake, scene, simulate
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.image.highlights import (
-    at_full_scale,
-    find_spots,
-)
+from rsdeblur.image.highlights import at_full_scale, find_spots
 from rsdeblur.simulation import Simulation
-from rsdeblur.simulation.scene import scene
-from rsdeblur.simulation.shake import hand_shake
 
 # The check of a result changes no picture and has its own tests.
 deblur = partial(rsdeblur.deblur, check=False)

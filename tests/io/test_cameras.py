@@ -1,7 +1,5 @@
 """Camera files of other programs: numbers, axes, clocks and lens as each defines them, or a refusal with its reason."""
 
-from __future__ import annotations
-
 import json
 import math
 import struct
@@ -12,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from rsdeblur import Camera, FileFormatError, InputError, RsdeblurWarning, read_camera
 from rsdeblur.io import open_camera
@@ -23,10 +20,6 @@ from tests._util import files
 from tests.installed import needs
 
 Write = Callable[..., Path]
-
-
-def profile(**changes: Any) -> str:
-    return json.dumps(files.PROFILE | {"compatible_settings": None} | changes)
 
 
 # Changes of a lens profile, and what its camera then has.
@@ -60,7 +53,7 @@ PROFILES: list[tuple[dict[str, Any], dict[str, Any]]] = [
 class TestLensProfile:
     @pytest.mark.parametrize(("changes", "expected"), PROFILES)
     def test_values(self, write: Write, changes: dict[str, Any], expected: dict[str, Any]) -> None:
-        file = open_camera(write(profile(**changes)))
+        file = open_camera(write(files.lens(**changes)))
         assert {name: getattr(file.camera, name) for name in expected} == expected
         np.testing.assert_array_equal(file.camera.imu_to_camera, imu_to_camera("gyroflow"))
         about = " ".join(file.remarks)
@@ -68,11 +61,11 @@ class TestLensProfile:
         assert ("readout time is unknown" in about) == (file.camera.readout_sd > 0)
 
     def test_an_implausible_readout_is_an_assumption(self, write: Write) -> None:
-        assert "implausible" in open_camera(write(profile(frame_readout_time=0.41))).assumptions[0].text
-        assert open_camera(write(profile(frame_readout_time=None, global_shutter=True))).assumptions == ()
+        assert "implausible" in open_camera(write(files.lens(frame_readout_time=0.41))).assumptions[0].text
+        assert open_camera(write(files.lens(frame_readout_time=None, global_shutter=True))).assumptions == ()
 
     def test_a_size_of_another_shape_is_scaled_by_its_width(self, write: Write) -> None:
-        file = open_camera(write(profile()), size=(200, 100))
+        file = open_camera(write(files.lens()), size=(200, 100))
         camera = file.camera
         assert (camera.height, camera.focal_length, camera.principal_point) == (100, (105.0, 105.5), (99.5, 49.5))
         # 100 of the 150 lines that the whole picture would have.
@@ -81,7 +74,7 @@ class TestLensProfile:
 
     @pytest.mark.parametrize("size", [(400, 0), (-1, 300), (400, 2.5)])
     def test_impossible_sizes_are_refused(self, write: Write, size: Any) -> None:
-        for path in (write(profile()), write(files.CAMERA_TOML[0], "camera.toml")):
+        for path in (write(files.lens()), write(files.CAMERA_TOML[0], "camera.toml")):
             with pytest.raises(InputError, match="size must be"):
                 open_camera(path, size=size)
 
@@ -157,39 +150,23 @@ def test_implausible_profiles_are_remarked(write: Write, fx: float, fy: float, l
     assert (len(remarks), (words or "") in "".join(remarks)) == (int(words is not None), True)
 
 
-def photo(path: Path, size: tuple[int, int] = (400, 300), **tags: Any) -> Path:
-    numbers = {
-        "f35": 0xA405,
-        "focal_length": 0x920A,
-        "resolution": 0xA20E,
-        "unit": 0xA210,
-        "across": 0xA002,
-        "zoom": 0xA404,
-    }
-    exif = Image.Exif()
-    block = exif.get_ifd(0x8769)
-    for name, value in tags.items():
-        block[numbers[name]] = value
-    Image.new("RGB", size).save(path, exif=exif)
-    return path
-
-
 class TestExif:
-    def test_film_equivalent(self, tmp_path: Path) -> None:
-        path = photo(tmp_path / "a.jpg", f35=26)
+    def test_film_equivalent(self, write: Write) -> None:
+        path = write(files.photo((400, 300), f35=26), "a.jpg")
         with pytest.warns(RsdeblurWarning) as warned:
             camera = read_camera(path)
         assert camera.focal_length[0] == pytest.approx(26 / 43.267 * 500)
         assert len(warned) == 3  # focal length, readout, axes
         np.testing.assert_array_equal(camera.imu_to_camera, imu_to_camera("phone-landscape"))
 
-    def test_focal_plane(self, tmp_path: Path) -> None:
+    def test_focal_plane(self, write: Write) -> None:
         # 4000 px on 20 mm, reduced to a tenth, 400 px
-        path = photo(tmp_path / "a.jpg", focal_length=50.0, resolution=4000 / 20 * 25.4, unit=2, across=4000)
-        assert open_camera(path).camera.focal_length[0] == pytest.approx(50 / 20 * 400, rel=1e-3)
+        tags = {"focal_length": 50.0, "resolution": 4000 / 20 * 25.4, "unit": 2, "across": 4000}
+        camera = open_camera(write(files.photo((400, 300), **tags), "a.jpg")).camera
+        assert camera.focal_length[0] == pytest.approx(50 / 20 * 400, rel=1e-3)
 
-    def test_portrait_and_zoom(self, tmp_path: Path) -> None:
-        file = open_camera(photo(tmp_path / "a.jpg", (300, 400), f35=52, zoom=2.0))
+    def test_portrait_and_zoom(self, write: Write) -> None:
+        file = open_camera(write(files.photo((300, 400), f35=52, zoom=2.0), "a.jpg"))
         np.testing.assert_array_equal(file.camera.imu_to_camera, imu_to_camera("phone-portrait"))
         assert any("zoomed 2 times" in assumption.text for assumption in file.assumptions)
 

@@ -1,6 +1,4 @@
-"""Gyro logs as tables: every layout is read with its unit, axes and exact timestamps, every fault with its line."""
-
-from __future__ import annotations
+"""Logs in tables, archives, JSON, pictures, projects and videos: unit, axes and exact timestamps, or a refusal."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,12 +7,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
-from rsdeblur.io import open_gyro, read_gyro
+from rsdeblur import Camera, FileFormatError, InputError, RsdeblurWarning, read_gyro
+from rsdeblur.io import open_gyro, read_acceleration
 from rsdeblur.io.gyro_logs import detect_gyro_format, formats
 from rsdeblur.io.samples import GYRO
+from rsdeblur.motion import AccelerationLog
 from rsdeblur.motion.axes import imu_to_camera
-from tests._util.files import EPOCH, LAYOUTS, PHYPHOX, RATES, TIMESTAMPS, UNSTAMPED, rows
+from rsdeblur.motion.track import OrientationTrack
+from tests._util import files
+from tests._util.files import (
+    ACCELERATIONS,
+    EPOCH,
+    FORCES,
+    LAYOUTS,
+    PHYPHOX,
+    RATES,
+    TIMESTAMPS,
+    UNSTAMPED,
+    rows,
+    sensorlogger_json,
+)
+from tests.installed import needs
 
 Write = Callable[..., Path]
 
@@ -180,3 +193,124 @@ def test_the_same_recording_in_two_formats_agrees(data_dir: Path) -> None:
     np.testing.assert_allclose(
         mars.omega @ imu_to_camera("phone-portrait").T, gcsv.omega @ imu_to_camera("gyroflow").T, atol=0.51e-6
     )
+
+
+class TestZip:
+    def test_the_gyroscope_is_found(self, write: Write) -> None:
+        names = [f"session/{name}.csv" for name in ("Accelerometer", "GyroscopeUncalibrated", "Gyroscope")]
+        metadata = {"session/Metadata.csv": "version,device name,platform\n3,SM-S931N,android\n"}
+        members = dict.fromkeys(names, LAYOUTS["sensor logger"][0]) | metadata
+        facts = assert_contains_the_samples(write(files.zipped(members), "export.zip"), "sensorlogger", "phone")
+        assert facts == {"device name": "SM-S931N", "platform": "android"}
+
+    def test_an_app_s_format_comes_before_any_table(self, write: Write) -> None:
+        """EuRoC's position of a laser is a table of four columns, as some gyro logs are."""
+        laser = "#timestamp,p_x,p_y,p_z\n" + files.rows("{t},{x},{y},{z}")
+        path = write(files.zipped({"a0/data.csv": laser, "imu0/data.csv": LAYOUTS["euroc"][0]}), "euroc.zip")
+        assert_contains_the_samples(path, "euroc", "sensor")
+
+
+def test_json_of_sensor_logger(write: Write) -> None:
+    export = files.sensorlogger_json()
+    facts = assert_contains_the_samples(write(export), "sensorlogger-json", "phone")
+    assert facts == {"sensor": "Gyroscope", "device name": "phone", "platform": "ios"}
+
+
+def test_the_ring_is_unrolled(write: Write) -> None:
+    facts = assert_contains_the_samples(
+        write(files.trailer(), "IMG.jpg"), "gyrodata", "phone", RATES.astype(np.float32)
+    )
+    assert facts == {"capture_ns": EPOCH + 99, "shutter_command_ns": EPOCH}
+
+
+PLAIN = {"raw_imu": [[0.005 * i, *rate, 0, 0, 0] for i, rate in enumerate(RATES.tolist())]}
+ENTRIES = [{"timestamp_ms": 5.0 * i, "gyro": rate, "accl": None} for i, rate in enumerate(np.degrees(RATES).tolist())]
+PROJECTS = {
+    "written by Python": lambda: files.project(PLAIN),
+    "version 2, bincode": lambda: files.packed_project(files.bincode(), "raw_imu"),
+    "version 3": lambda: files.project({"file_metadata": {"raw_imu": ENTRIES}}),
+    "current": lambda: files.packed_project(files.cbor(), "file_metadata"),
+}
+
+
+class TestGyroflowProject:
+    @pytest.mark.parametrize("version", PROJECTS)
+    def test_versions(self, write: Write, version: str) -> None:
+        if version == "current":
+            needs("gyroflow")
+        file = open_gyro(write(PROJECTS[version]()))
+        assert (file.format, file.axes) == ("gyroflow", "gyroflow")
+        np.testing.assert_allclose(file.log.t, 0.005 * np.arange(len(RATES)), atol=1e-15)
+        # xZy: Gyroflow's y is the raw z. Degrees are converted.
+        np.testing.assert_allclose(file.log.omega, RATES[:, [0, 2, 1]] * [-1, 1, -1], rtol=1e-13)
+        assert (file.facts["readout_time_s"], file.facts["readout_direction"]) == (0.015, "bottom-up")
+        assert file.facts["offsets_ms"] == {"1 s": -12.5, "2 s": -14.5}
+
+    def test_bias_and_rotation_are_gyroflows(self, write: Write) -> None:
+        changes: list[dict[str, Any]] = [{}, {"gyro_bias": [1.0, 2.0, 3.0]}, {"rotation": [0.0, 90.0, 0.0]}]
+        omega = [read_gyro(write(files.project(PLAIN | change))).omega for change in changes]
+        # the bias is in raw axes and added before they are turned
+        np.testing.assert_allclose(omega[1] - omega[0], np.radians([[-1.0, 3.0, -2.0]] * len(RATES)), atol=1e-12)
+        # roll turns about z
+        np.testing.assert_allclose(omega[2], omega[0] @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-12)
+
+
+def test_gopro(data_dir: Path) -> None:
+    needs("telemetry")
+    with pytest.warns(RsdeblurWarning, match="stabilised"):
+        file = open_gyro(data_dir / "formats/gopro/max-heromode.mp4")
+    assert (file.format, file.axes, file.rate_unit, len(file.log)) == ("video", "gyroflow", "deg/s", 2082)
+    assert file.log.rate == pytest.approx(197.455, abs=1e-3)
+    assert file.facts["readout_time_s"] == pytest.approx(0.0206, abs=1e-5)
+
+
+G = 9.80665
+
+
+@pytest.mark.parametrize("name", ACCELERATIONS)
+def test_formats_of_accelerometers(write: Write, name: str) -> None:
+    log = read_acceleration(write(ACCELERATIONS[name], name))
+    assert log.epoch_ns == EPOCH
+    np.testing.assert_array_equal(log.t, (TIMESTAMPS - EPOCH) * 1e-9)
+    # The .gcsv is scaled from g.
+    np.testing.assert_allclose(log.force, FORCES, rtol=1e-15)
+
+
+def test_exports_are_searched_for_gravity(write: Write) -> None:
+    """Sensor Logger's Accelerometer is without gravity."""
+    members = dict.fromkeys(("Accelerometer.csv", "Gyroscope.csv"), LAYOUTS["sensor logger"][0])
+    members["TotalAcceleration.csv"] = ACCELERATIONS["TotalAcceleration.csv"]
+    for content, name in ((files.zipped(members), "session.zip"), (sensorlogger_json(), "session.json")):
+        np.testing.assert_array_equal(read_acceleration(write(content, name)).force, FORCES)
+
+
+def test_units_of_accelerometers(write: Write) -> None:
+    for header, factor, unit in (("t,ax[g],ay[g],az[g]\n", 1 / G, None), ("t,ax,ay,az\n", 1000 / G, "mg")):
+        path = write(header + rows("{t},{x},{y},{z}", FORCES * factor))
+        # Divided and multiplied again.
+        np.testing.assert_allclose(read_acceleration(path, unit=unit).force, FORCES, rtol=1e-15)
+    for unknown in ("gal", ["g"]):
+        with pytest.raises(InputError, match="unit must be one of"):
+            read_acceleration(path, unit=unknown)
+
+
+def test_a_shift_moves_the_span() -> None:
+    assert AccelerationLog([0.0, 1.0], np.ones((2, 3))).shifted(0.5).span == (0.5, 1.5)
+
+
+@pytest.mark.parametrize("name", ["real/mars-phone-240ms/gyro_accel.csv", "formats/gopro/max-heromode.mp4"])
+@pytest.mark.filterwarnings("ignore:.*stabilised")
+def test_gravity_turns_as_the_gyro_says(data_dir: Path, name: str) -> None:
+    """In world axes, over half seconds, the force of a real recording varies less than in others."""
+    if name.endswith("mp4"):
+        needs("telemetry")
+    gyro, log = read_gyro(data_dir / name), read_acceleration(data_dir / name)
+    track = OrientationTrack.from_log(gyro, Camera(16, 16, 16.0), *gyro.span, gyro.epoch_ns)
+    t = log.t + (log.epoch_ns - gyro.epoch_ns) * 1e-9
+    rotations = track.at(t)
+    world, reversed_ = (np.einsum(axes, rotations, log.force) for axes in ("nji,nj->ni", "nij,nj->ni"))
+    spreads = [
+        sum(part.var(axis=0).sum() for part in np.array_split(forces, int(2 * t[-1])))
+        for forces in (world, log.force, reversed_)
+    ]
+    assert spreads[0] < spreads[1] < spreads[2]

@@ -1,21 +1,16 @@
 """Any log, however its rows and columns are arranged, is read as the same log or refused."""
 
-from __future__ import annotations
-
 import warnings
 from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from rsdeblur.errors import FileFormatError, RsdeblurWarning
-from rsdeblur.io import read_gyro
-from rsdeblur.motion.gyro import GyroLog
+from rsdeblur import FileFormatError, GyroLog, RsdeblurWarning, read_gyro
 
 UNITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 RATE_UNITS = {"rad/s": 1.0, "deg/s": np.pi / 180, "mrad/s": 1e-3, "mdeg/s": np.pi / 180_000}
@@ -73,17 +68,13 @@ def assert_is(found: GyroLog | None, log: Log) -> None:
 
 @LAW
 @given(logs(), st.sampled_from(list(UNITS)), st.integers(0, 3), st.sampled_from(",; \t|"))
-def test_units_shifts_separators_and_the_place_of_the_timestamps(
-    tmp_path: Path, log: Log, unit: str, place: int, separator: str
-) -> None:
+def test_units_shifts_separators_and_the_place_of_the_timestamps(tmp_path, log, unit, place, separator):
     assert_is(read(tmp_path, cells(log, unit, place), separator), log)
 
 
 @LAW
 @given(logs(), st.sampled_from(list(UNITS)), st.sampled_from(list(RATE_UNITS)), st.permutations(range(4)))
-def test_units_of_rates_and_permuted_columns(
-    tmp_path: Path, log: Log, unit: str, rate_unit: str, order: list[int]
-) -> None:
+def test_units_of_rates_and_permuted_columns(tmp_path, log, unit, rate_unit, order):
     head = [f"t[{unit}]", *(f"g{axis}[{rate_unit}]" for axis in "xyz")]
     table = [head, *cells((log[0], log[1] / RATE_UNITS[rate_unit]), unit, 0, "")]
     assert_is(read(tmp_path, [[row[k] for k in order] for row in table]), log)
@@ -91,9 +82,7 @@ def test_units_of_rates_and_permuted_columns(
 
 @LAW
 @given(logs(), st.sampled_from(list(UNITS)), st.integers(0, 3), st.data())
-def test_repeated_rows_are_dropped_or_refused(
-    tmp_path: Path, log: Log, unit: str, place: int, data: st.DataObject
-) -> None:
+def test_repeated_rows_are_dropped_or_refused(tmp_path, log, unit, place, data):
     rows = cells(log, unit, place)
     repeats = data.draw(st.lists(st.integers(1, 3), min_size=len(rows), max_size=len(rows)))
     twice = [row for row, count in zip(rows, repeats, strict=True) for _ in range(count)]
@@ -105,9 +94,7 @@ def test_repeated_rows_are_dropped_or_refused(
 
 @LAW
 @given(logs(), st.sampled_from(list(UNITS)), st.integers(0, 3), st.randoms(use_true_random=False), st.booleans())
-def test_permuted_rows_are_the_same_log_or_refused(
-    tmp_path: Path, log: Log, unit: str, place: int, random: Any, near: bool
-) -> None:
+def test_permuted_rows_are_the_same_log_or_refused(tmp_path, log, unit, place, random, near):
     rows = cells(log, unit, place)
     if near:
         i = random.randrange(len(rows) - 1)

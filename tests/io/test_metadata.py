@@ -1,7 +1,5 @@
 """Metadata of photos: kept, renewed and left out, through every format."""
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib
@@ -15,12 +13,11 @@ import tifffile
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from rsdeblur import RsdeblurWarning, read_picture, write_picture
 from rsdeblur._util.binary import block_of, tags_of
-from rsdeblur.errors import RsdeblurWarning
-from rsdeblur.io import _metadata, read_picture, write_picture
+from rsdeblur.io import Picture, _metadata
 from rsdeblur.io.exif import Exif, renewed, with_orientation
 from rsdeblur.io.picture_output import iptc_segment, picture_to_fill
-from rsdeblur.io.pictures import Picture
 from tests.hostile.packets import KEPT, LOST, with_thumbnail
 from tests.installed import needs
 
@@ -209,9 +206,7 @@ def test_parts_of_the_original_are_left_out_with_a_message(tmp_path: Path, kind:
         (".tif", {"exif": 9}, ("EXIF",)),
     ],
 )
-def test_what_a_format_cannot_hold_is_named_once(
-    tmp_path: Path, suffix: str, sizes: dict[str, int], lost: tuple[str, ...]
-) -> None:
+def test_what_a_format_cannot_hold_is_named_once(tmp_path, suffix, sizes, lost):
     like = Picture(np.zeros((4, 4, 3), np.uint8), **{name: b"x" * size for name, size in sizes.items()})
     with pytest.warns(RsdeblurWarning, match="left out of the result") as caught:
         write_picture(tmp_path / f"a{suffix}", like.pixels, like=like)

@@ -3,8 +3,6 @@
 Metadata are those of test_metadata.py, and what cannot be read is in test_unreadable.py.
 """
 
-from __future__ import annotations
-
 import os
 from io import BytesIO
 from pathlib import Path
@@ -16,10 +14,15 @@ import pytest
 from PIL import Image, ImageCms
 from PIL.JpegImagePlugin import JpegImageFile
 
-from rsdeblur.errors import InputError, OutputError
-from rsdeblur.io import Picture, pictures, read_picture, write_picture
+from rsdeblur import FileFormatError, InputError, OutputError, read_picture, write_picture
+from rsdeblur.image.profile import linear_profile
+from rsdeblur.io import Picture, pictures, read_depths
+from rsdeblur.io.arrays import read_psfs
+from rsdeblur.io.exif import Exif
 from rsdeblur.io.picture_output import check_writable, picture_to_fill
+from tests._util import files as seeds
 from tests._util.files import tiff
+from tests.installed import needs
 
 RGB_PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 # It has the header fields of a real grey profile; nothing here reads more.
@@ -54,9 +57,7 @@ LOSSLESS = [
 
 @pytest.mark.parametrize(("extension", "dtype", "channels"), LOSSLESS)
 @pytest.mark.parametrize("size", [(7, 5), (1, 1), (1, 3), (3, 1)])
-def test_lossless_round_trip(
-    tmp_path: Path, extension: str, dtype: str, channels: tuple[int, ...], size: tuple[int, int]
-) -> None:
+def test_lossless_round_trip(tmp_path, extension, dtype, channels, size):
     pixels = random_pixels(dtype, *size, *channels)
     icc = GREY_PROFILE if channels in ((), (2,)) else RGB_PROFILE
     path = tmp_path / f"picture{extension}"
@@ -75,9 +76,7 @@ def test_lossless_round_trip(
 @pytest.mark.parametrize("extension", [".tif", ".npy"])
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
 @pytest.mark.parametrize("channels", [(), (2,), (3,), (4,)])
-def test_what_is_filled_in_place_comes_back(
-    tmp_path: Path, extension: str, dtype: str, channels: tuple[int, ...]
-) -> None:
+def test_what_is_filled_in_place_comes_back(tmp_path, extension, dtype, channels):
     path, pixels = tmp_path / f"picture{extension}", random_pixels(dtype, 5, 7, *channels)
     with picture_to_fill(path, pixels.shape, like=Picture(pixels), in_place=True) as out:
         assert isinstance(out, np.memmap)
@@ -140,9 +139,7 @@ def test_jpeg_round_trip(tmp_path: Path, channels: tuple[int, ...]) -> None:
         ),
     ],
 )
-def test_depth_is_what_is_asked_for_or_the_next_lower_one(
-    tmp_path: Path, pixels: str, like: str | None, bits: Any, extension: str, expected: str
-) -> None:
+def test_depth_is_what_is_asked_for_or_the_next_lower_one(tmp_path, pixels, like, bits, extension, expected):
     """That of `bits`, of `like` or of integers, and 8 bits otherwise."""
     path = tmp_path / f"picture{extension}"
     given = Picture(np.zeros(1, like)) if like else None
@@ -310,3 +307,148 @@ def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(os, "access", lambda *_: False)
     with pytest.raises(OutputError, match=r"picture\.png: .*not writable"):
         check_writable(tmp_path / "picture.png", force=True)
+
+
+HEIGHT, WIDTH = 40, 64
+
+
+def exif_of(orientation: int) -> bytes:
+    block = Image.Exif()
+    block[0x0112], block[0x010F] = orientation, "Maker"
+    block.get_ifd(0x8769)[0x829A] = 0.125
+    return block.tobytes()
+
+
+class TestHeif:
+    @pytest.mark.parametrize("orientation", [1, 3, 6, 8])
+    def test_the_sensors_axes_are_kept(self, tmp_path: Path, orientation: int) -> None:
+        """Viewers turn the picture, as they do a JPEG of the same phone; the pixels stay in the sensor's axes."""
+        heif = needs("heif")
+        heif.register_heif_opener()
+        stored = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3)).astype(np.uint8)
+        stored = np.kron(stored[::8, ::8], np.ones((8, 8, 1), np.uint8))
+        Image.fromarray(stored).save(tmp_path / "a.heic", quality=-1, exif=exif_of(orientation))
+        picture = read_picture(tmp_path / "a.heic")
+        # Lossless but for the conversion to YCbCr and back.
+        assert np.abs(picture.pixels.astype(int) - stored).mean() < 3
+        exif = Exif(picture.exif)
+        assert (exif.orientation, exif.text(0x010F), exif.exposure) == (orientation, "Maker", 0.125)
+        write_picture(tmp_path / "b.jpg", picture.pixels / 255.0, like=picture)
+        assert Exif(read_picture(tmp_path / "b.jpg").exif).orientation == orientation
+
+    def test_ten_bits_become_sixteen_of_full_range(self, tmp_path: Path) -> None:
+        heif = needs("heif")
+        levels = np.zeros((HEIGHT, WIDTH, 3), "<u2")
+        levels[:, WIDTH // 2 :] = 65535
+        heif.from_bytes("RGB;16", (WIDTH, HEIGHT), levels.tobytes()).save(tmp_path / "a.heic", quality=-1)
+        picture = read_picture(tmp_path / "a.heic")
+        assert (picture.pixels.dtype, picture.pixels.min(), picture.pixels.max()) == (np.uint16, 0, 65535)
+
+
+def dng(path: Path, mosaic: np.ndarray, orientation: int = 1) -> Path:
+    path.write_bytes(seeds.dng(mosaic, orientation))
+    return path
+
+
+def mosaic(red: int, green: int, blue: int) -> np.ndarray:
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    return np.where((y + x) % 2, green, np.where(y % 2, blue, red))
+
+
+class TestRaw:
+    def test_light_is_linear_and_the_colours_are_the_cameras(self, tmp_path: Path) -> None:
+        needs("raw")
+        for scale in (1, 2, 4):
+            picture = read_picture(dng(tmp_path / "a.dng", mosaic(16000, 8000, 4000) // scale))
+            # The camera's matrix has four decimals.
+            np.testing.assert_allclose(picture.pixels[20, 30], np.array([16000, 8000, 4000]) / scale, rtol=1e-3)
+        assert (picture.transfer, picture.pixels.dtype, picture.pixels.shape) == ("linear", np.uint16, (40, 64, 3))
+
+    @pytest.mark.parametrize("orientation", [1, 6])
+    def test_the_sensors_axes_are_kept(self, tmp_path: Path, orientation: int) -> None:
+        needs("raw")
+        picture = read_picture(dng(tmp_path / "a.dng", mosaic(16000, 8000, 4000), orientation))
+        assert picture.pixels.shape == (HEIGHT, WIDTH, 3)
+        assert Exif(picture.exif).orientation == orientation
+
+    def test_the_result_says_that_it_is_linear(self, tmp_path: Path) -> None:
+        needs("raw")
+        picture = read_picture(dng(tmp_path / "a.dng", mosaic(16000, 8000, 4000)))
+        write_picture(tmp_path / "b.tif", picture.pixels / 65535.0, like=picture)
+        again = read_picture(tmp_path / "b.tif")
+        np.testing.assert_array_equal(again.pixels, picture.pixels)
+        assert again.icc_profile == picture.icc_profile == linear_profile()
+        assert again.transfer == "linear"
+
+    def test_the_profile_is_linear(self) -> None:
+        profile = ImageCms.ImageCmsProfile(BytesIO(linear_profile()))
+        grey = Image.new("RGB", (1, 1), (55, 55, 55))
+        shown = ImageCms.profileToProfile(grey, profile, ImageCms.createProfile("sRGB"))
+        # 255 (1.055 (55 / 255)^(1 / 2.4) - 0.055) = 127.95
+        assert shown is not None
+        assert shown.getpixel((0, 0)) == (128, 128, 128)
+
+    def test_damaged(self, tmp_path: Path) -> None:
+        needs("raw")
+        path = dng(tmp_path / "a.dng", mosaic(16000, 8000, 4000))
+        for keep in (600, 3000):
+            path.write_bytes(path.read_bytes()[:keep])
+            with pytest.raises(FileFormatError, match=r"a\.dng"):
+                read_picture(path)
+
+
+METRES = np.array([[0.9, 1.2, 1.5], [2.5, 3.0, 60.0]])
+SHAPE = (40, 60, 3)
+WEIGHTS = np.arange(12, dtype=np.uint8).reshape(3, 4)
+
+
+def saved(folder: Path, name: str, values: Any) -> Path:
+    path = folder / name
+    if isinstance(values, bytes):
+        path.write_bytes(values)
+    elif path.suffix == ".npy":
+        np.save(path, values)
+    else:
+        Image.fromarray(values).save(path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    [("d.npy", np.float32), ("d.tiff", np.float32), *((f"d.{suffix}", np.uint16) for suffix in ("npy", "png", "tiff"))],
+)
+def test_floats_are_metres_and_whole_numbers_millimetres(tmp_path: Path, name: str, dtype: type) -> None:
+    path = saved(tmp_path, name, ((1 if dtype == np.float32 else 1000) * METRES).astype(dtype))
+    # Single precision, or whole millimetres.
+    np.testing.assert_allclose(read_depths(path), METRES, rtol=1e-7)
+
+
+@pytest.mark.parametrize("unknown", [0.0, np.nan, np.inf])
+def test_an_unknown_depth_is_that_of_the_nearest_place(tmp_path: Path, unknown: float) -> None:
+    path = saved(tmp_path, "depth.npy", np.array([[1.0, unknown, unknown], [1.0, unknown, 3.0]]))
+    np.testing.assert_array_equal(read_depths(path)[:, [0, 2]], [[1.0, 3.0], [1.0, 3.0]])
+
+
+def test_depths_of_8_bits_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match=r"depth\.png: .*16 bits in mm"):
+        read_depths(saved(tmp_path, "depth.png", np.ones((2, 3), np.uint8)))
+
+
+def test_arrays_and_pictures_of_a_psf_agree(tmp_path: Path) -> None:
+    expected = np.pad(WEIGHTS / WEIGHTS.sum(), ((0, 0), (0, 1)))
+    rgba = np.stack([WEIGHTS, WEIGHTS, WEIGHTS, 0 * WEIGHTS], axis=-1)
+    for name, values in {"k.npy": WEIGHTS, "grey.png": WEIGHTS, "rgba.png": rgba}.items():
+        bank = read_psfs(saved(tmp_path, name, values), SHAPE)
+        # Pictures are read in single precision.
+        np.testing.assert_allclose(bank.kernels[0, 0], expected, rtol=1e-6)
+        assert (bank.rows.tolist(), bank.cols.tolist()) == ([19.5], [29.5])
+
+
+def test_several_psfs(tmp_path: Path) -> None:
+    kernels = np.random.default_rng(0).random((2, 3, 5, 7))
+    bank = read_psfs(saved(tmp_path, "k.npy", kernels), SHAPE)
+    assert bank.kernels.shape == kernels.shape
+    bank.save(tmp_path / "bank.npz")
+    stored = read_psfs(tmp_path / "bank.npz", SHAPE)
+    for name in ("kernels", "rows", "cols"):
+        np.testing.assert_array_equal(getattr(stored, name), getattr(bank, name))

@@ -1,7 +1,5 @@
 """Captures and clocks of sessions, poses of other programs, folders of loggers, and times of photos from EXIF."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,14 +8,11 @@ import pytest
 from PIL import Image
 from PIL.ExifTags import IFD, Base
 
-from rsdeblur import read_trajectory
-from rsdeblur.errors import ClockError, FileFormatError, InputError
-from rsdeblur.io import read_captures
+from rsdeblur import Exposure, FileFormatError, GyroLog, InputError, read_captures, read_trajectory
+from rsdeblur.errors import ClockError
 from rsdeblur.io.captures import read_clocks
 from rsdeblur.io.exif import Exif, capture_time, shown_time
 from rsdeblur.io.sessions import camera_in, files_in
-from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.wall_clock import on_clock_of
 from tests._util.files import ANDROID, CAPTURES, EPOCH, NEXT, RATES, TIMESTAMPS, TRAJECTORIES, trailer
 

@@ -1,11 +1,9 @@
-"""What no reader can read: a table of contents for each kind of file, each refused by file, line and cause.
+"""What no reader can read: a table of contents for each kind of file, each refused by file, line and cause; exchanged
+files are named with the place to give them.
 
 `test_hostile_input.py` damages files at random.
 """
 
-from __future__ import annotations
-
-import json
 import struct
 import sys
 import zipfile
@@ -19,15 +17,16 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from PIL import Image
 
 import rsdeblur
-from rsdeblur import Camera, FileFormatError
-from rsdeblur.io import open_camera, read_acceleration, read_depths, read_gyro, read_picture, read_trajectory
+from rsdeblur import Camera, FileFormatError, read_gyro, read_picture, read_trajectory, write_picture
+from rsdeblur.io import Picture, open_camera, read_acceleration, read_depths
 from rsdeblur.io.arrays import read_psfs
+from rsdeblur.io.cameras import write_time_offset
 from rsdeblur.io.captures import read_clocks
+from rsdeblur.io.source import BLOCK_UNTRUSTED
 from tests._util import files
-from tests._util.files import ANDROID, FORCES, IOS, LAYOUTS, MARS, STEP, npy, rows, tiff
+from tests._util.files import ANDROID, FORCES, IOS, LAYOUTS, MARS, STEP, npy, rows, tiff, zipped
 from tests.installed import needs
 
 Content = str | bytes | Callable[[], str | bytes]
@@ -35,17 +34,9 @@ Content = str | bytes | Callable[[], str | bytes]
 Fault = tuple[Content, int, str]
 
 
-def archived(members: dict[str, str | bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:
-    buffer = BytesIO()
-    with zipfile.ZipFile(buffer, "w", method) as archive:
-        for name, content in members.items():
-            archive.writestr(name, content)
-    return buffer.getvalue()
-
-
 def loggers(*names: str) -> bytes:
     """Return an archive of logs of Sensor Logger."""
-    return archived(dict.fromkeys(names, LAYOUTS["sensor logger"][0]))
+    return files.zipped(dict.fromkeys(names, LAYOUTS["sensor logger"][0]))
 
 
 def retagged(pixels: Any, tags: dict[str, Any], **options: Any) -> bytes:
@@ -57,33 +48,10 @@ def retagged(pixels: Any, tags: dict[str, Any], **options: Any) -> bytes:
         return buffer.getvalue()
 
 
-def encoded(pixels: Any, kind: str) -> bytes:
-    buffer = BytesIO()
-    Image.fromarray(pixels).save(buffer, kind)
-    return buffer.getvalue()
-
-
 def png_of(width: int, height: int) -> bytes:
     """Return a PNG that claims a size and has no pixels."""
     header = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sIIBBBBB", 13, b"IHDR", width, height, 8, 2, 0, 0, 0)
     return header + struct.pack(">I", zlib.crc32(header[12:])) + b"\0\0\0\0IEND\xae\x42\x60\x82"
-
-
-def profile(**changes: Any) -> str:
-    return json.dumps(files.PROFILE | {"compatible_settings": None} | changes)
-
-
-def photo(size: tuple[int, int] = (100, 68), **tags: Any) -> bytes:
-    """Return a JPEG with tags of the camera."""
-    numbers = {"f35": 0xA405, "focal_length": 0x920A, "resolution": 0xA20E, "unit": 0xA210}
-    exif, buffer = Image.Exif(), BytesIO()
-    exif.get_ifd(0x8769).update({numbers[name]: value for name, value in tags.items()})
-    Image.new("RGB", size).save(buffer, "JPEG", exif=exif)
-    return buffer.getvalue()
-
-
-def saved(values: Any) -> bytes:
-    return npy(np.asarray(values))
 
 
 def toml(line: str) -> str:
@@ -103,7 +71,7 @@ def laughs(first: str, following: str, levels: int) -> str:
 
 @cache
 def zip_bomb() -> bytes:
-    return archived({"gyro.csv": bytes(70_000_000)})
+    return files.zipped({"gyro.csv": bytes(70_000_000)})
 
 
 def small_claim() -> bytes:
@@ -198,7 +166,7 @@ ARCHIVES: list[Fault] = [
     (lambda: loggers("b.csv", "Accelerometer.csv", "a.csv"), 0, "a.csv and b.csv"),
     (zip_bomb, 0, "claims to contain 70000000 bytes"),
     (small_claim, 0, ""),
-    *((partial(archived, {"gyro.csv": b"0 1 2 3\n"}, method), 0, "other than deflate") for method in (
+    *((partial(files.zipped, {"gyro.csv": b"0 1 2 3\n"}, method), 0, "other than deflate") for method in (
         zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)),
 ]  # fmt: skip
 PROJECTS: list[Fault] = [
@@ -264,7 +232,7 @@ TRAJECTORIES: list[Fault] = [
     *(("0 1 2 3\n", 0, "at least 2"), ("", 0, "empty"), ("timestamp tx ty tz qx qy qz qw\n", 0, "no samples")),
 ]
 PROFILES: list[Fault] = [
-    *((profile(**changes), 0, words) for changes, words in (
+    *((files.lens(**changes), 0, words) for changes, words in (
         ({"calib_dimension": {"w": 0, "h": 0}}, "no calibration"),
         ({"fisheye_params": {"camera_matrix": [[1, 2], [3, 4]]}}, "no calibration"),
         ({"distortion_model": "poly3"}, "poly3"), ({"digital_lens": "gopro_superview"}, "gopro_superview"),
@@ -298,24 +266,24 @@ TOML: list[Fault] = [
         (f"time_offset = 1{'0' * 400}", "time_offset is too large"))),
 ]  # fmt: skip
 PHOTOS: list[Fault] = [
-    *((partial(photo, **tags), 0, f"{words}.*rsdeblur camera new") for tags, words in (
+    *((partial(files.photo, (100, 68), **tags), 0, f"{words}.*rsdeblur camera new") for tags, words in (
         ({}, "no focal length in px"), ({"f35": 0, "focal_length": 4.2}, "only 4.2 mm"),
         ({"focal_length": 135.0, "resolution": 4438.0, "unit": 2}, "was resized"))),
 ]  # fmt: skip
 DEPTHS: list[Fault] = [
-    (saved(np.ones((2, 3, 3))), 0, r"shape \(R, C\), found \(2, 3, 3\)"),
-    (saved([[-60.0, 1.0]]), 0, "must be positive, found -60 m"),
-    (saved(np.zeros((2, 3))), 0, "must be positive, found none"),
-    (saved(np.ones((2, 3), complex)), 0, "found complex128"),
+    (npy(np.ones((2, 3, 3))), 0, r"shape \(R, C\), found \(2, 3, 3\)"),
+    (npy([[-60.0, 1.0]]), 0, "must be positive, found -60 m"),
+    (npy(np.zeros((2, 3))), 0, "must be positive, found none"),
+    (npy(np.ones((2, 3), complex)), 0, "found complex128"),
     (b"\x93NUMPY\x01\x00nonsense", 0, "not an array of depth maps"),
 ]
 PSFS: list[Fault] = [
-    (saved(np.zeros((3, 3))), 0, "the sum of a PSF must be positive"),
-    *((saved(np.where(np.eye(9), nan, 0.5).astype(nan.dtype)), 0, "must be finite") for nan in (
+    (npy(np.zeros((3, 3))), 0, "the sum of a PSF must be positive"),
+    *((npy(np.where(np.eye(9), nan, 0.5).astype(nan.dtype)), 0, "must be finite") for nan in (
         np.array(bits, f"u{size}").view(f"f{size}")[()] for size, bits in (
             (2, 0x7C01), (4, 0x7F800001), (8, 0x7FF0000000000001)))),
-    (saved(np.ones(3)), 0, "a PSF has shape"),
-    *((content, 0, "not an array of PSFs") for content in (saved([["a"]]), b"\x93NUMPY")),
+    (npy(np.ones(3)), 0, "a PSF has shape"),
+    *((content, 0, "not an array of PSFs") for content in (npy([["a"]]), b"\x93NUMPY")),
     *((b"PK", 0, "not a PSF bank"), (b"hello", 0, "not a JPEG, PNG")),
 ]  # fmt: skip
 COLOUR = np.random.default_rng(1).integers(0, 256, (64, 64, 3), np.uint8)
@@ -323,12 +291,12 @@ SMALL = npy(np.zeros((2, 2), np.uint8))
 PICTURES: list[Fault] = [
     (b"", 0, "empty"),
     (b"a,b\n0,1\n", 0, "not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture"),
-    (encoded(COLOUR, "GIF"), 0, "not a JPEG"),
-    (encoded(COLOUR, "JPEG")[:2000], 0, "truncated"),
-    (encoded(COLOUR, "PNG")[:6000], 0, "truncated"),
-    (encoded(COLOUR, "PNG")[:20], 0, "truncated"),
-    (encoded(COLOUR, "WEBP")[:1000], 0, "truncated"),
-    (encoded(COLOUR, "TIFF")[:6000], 0, "truncated|ends within"),
+    (files.encoded("GIF", COLOUR), 0, "not a JPEG"),
+    (files.encoded("JPEG", COLOUR)[:2000], 0, "truncated"),
+    (files.encoded("PNG", COLOUR)[:6000], 0, "truncated"),
+    (files.encoded("PNG", COLOUR)[:20], 0, "truncated"),
+    (files.encoded("WEBP", COLOUR)[:1000], 0, "truncated"),
+    (files.encoded("TIFF", COLOUR)[:6000], 0, "truncated|ends within"),
     (tiff(COLOUR, photometric="rgb", compression="zlib")[:6000], 0, "truncated"),
     (b"II*\0\x08\0\0\0", 0, "truncated"),
     (tiff(np.zeros((4, 4), np.int32)), 0, "1 samples of 32 bits"),
@@ -379,9 +347,7 @@ CASES = [(read, name, *fault) for read, name, faults in READERS for fault in fau
 @pytest.mark.parametrize(
     ("read", "name", "content", "line", "words"), CASES, ids=[f"{case[1]}-{n}" for n, case in enumerate(CASES)]
 )
-def test_faults_name_the_file_and_the_line(
-    write: Callable[..., Path], read: Callable[..., Any], name: str, content: Content, line: int, words: str
-) -> None:
+def test_faults_name_the_file_and_the_line(write, read, name, content, line, words):
     if name.endswith((".yaml", ".mp4")):
         needs("kalibr" if name.endswith(".yaml") else "telemetry")
     path = write(content() if callable(content) else content, name)
@@ -402,9 +368,148 @@ MP4, HEIC = (b"\0\0\0\x18ftyp" + brand + bytes(99) for brand in (b"mp42", b"heic
         ("rawpy", "raw", read_picture, files.dng()),
     ],
 )
-def test_a_missing_package_is_named(
-    write: Any, monkeypatch: pytest.MonkeyPatch, module: str, extra: str, read: Any, content: str | bytes
-) -> None:
+def test_a_missing_package_is_named(write, monkeypatch, module, extra, read, content):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(FileFormatError, match=rf"'\.\[{extra}\]'"):
         read(write(content, "file"))
+
+
+# With RSDEBLUR_BLOCK_UNTRUSTED, no decoder that public fuzzing does not cover sees a byte of a file.
+PIXELS = (np.arange(12 * 20 * 3) % 251).reshape(12, 20, 3).astype(np.uint8)
+VIDEO = b"\0\0\0\x18ftypmp42\0\0\0\0" + bytes(64)
+
+
+@pytest.fixture
+def refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Switch the decoders off, and make every use of them an error."""
+    monkeypatch.setenv(BLOCK_UNTRUSTED, "1")
+    for name in ("tifffile.TiffFile", "imagecodecs.png_decode"):
+        monkeypatch.setattr(name, lambda *arguments, **options: pytest.fail("the decoder was called"))
+    monkeypatch.setitem(sys.modules, "telemetry_parser", None)
+
+
+@pytest.mark.parametrize(
+    ("name", "pixels"),
+    [("a.tif", PIXELS), ("a.tif", PIXELS.astype(np.float32) / 255), ("a.png", PIXELS.astype(np.uint16) * 257)],
+)
+def test_pictures_are_refused_and_the_variable_is_named(tmp_path, name, pixels, request):
+    path = tmp_path / name
+    write_picture(path, pixels, like=Picture(pixels))
+    request.getfixturevalue("refused")
+    for in_place in (False, True):
+        with pytest.raises(FileFormatError, match=rf"{name}.*no public fuzzing covers.*{BLOCK_UNTRUSTED}"):
+            read_picture(path, in_place=in_place)
+
+
+def test_videos_are_refused_and_the_variable_is_named(tmp_path: Path, refused: None) -> None:
+    path = tmp_path / "a.mp4"
+    path.write_bytes(VIDEO)
+    with pytest.raises(FileFormatError, match=rf"a.mp4.*telemetry-parser.*{BLOCK_UNTRUSTED}"):
+        read_gyro(path)
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.webp", "a.npy", "a.tif"])
+def test_other_pictures_are_read(tmp_path, name, request, monkeypatch):
+    write_picture(tmp_path / name, PIXELS)
+    # Zero switches nothing off.
+    monkeypatch.setenv(BLOCK_UNTRUSTED, "0") if name == "a.tif" else request.getfixturevalue("refused")
+    assert read_picture(tmp_path / name).pixels.shape == PIXELS.shape
+
+
+BY_KIND: dict[str, Callable[[Path], Any]] = {
+    "gyro log": rsdeblur.read_gyro,
+    "capture file": lambda path: rsdeblur.read_captures(path, duration=0.01),
+    "camera file": rsdeblur.read_camera,
+    "trajectory": rsdeblur.read_trajectory,
+    "picture": rsdeblur.read_picture,
+}
+ADVICE = {
+    "gyro log": "give it as --gyro",
+    "capture file": "give it as --capture",
+    "camera file": "give it as --camera",
+    "trajectory": "rsdeblur.read_trajectory reads it",
+    "picture": "give it as the photo",
+    "video": "give it to rsdeblur video",
+}
+# Name and content of files, by kind. Where a kind may be read from another one, as a camera from a log, that is left
+# out.
+FILES: dict[str, list[tuple[str, str]]] = {
+    "gyro log": [
+        ("gyro.csv", "t,wx,wy,wz\n" + files.rows("{s},{x},{y},{z}")),
+        *((f"{name} gyro.csv", files.LAYOUTS[name][0]) for name in ("mars", "kalibr", "tags", "opencamera")),
+    ],
+    "capture file": [(f"{name}.csv", files.CAPTURES[name]) for name in ("deepgyro", "image-info", "timestamps")]
+    + [("named.csv", files.CAPTURES["named"]), ("frame_timestamps.txt", files.CAPTURES["named timestamps"])],
+    "camera file": [
+        ("camera.toml", files.CAMERA_TOML[0].decode()),
+        ("camera.txt", files.CAMERA_TOML[1].decode()),
+        ("camchain.yaml", files.CHAIN),
+        ("lens.json", files.LENSES[0].decode()),
+    ],
+    "trajectory": [(f"{name}.txt", files.TRAJECTORIES[name]) for name in ("tum without a header", "named")],
+}
+# A table of four or eight numbers without a header may be a trajectory.
+LIKE = [("opencamera gyro.csv", "trajectory"), ("image-info.csv", "trajectory")]
+EXCHANGED = [
+    (kind, name, content, reader)
+    for kind, files in FILES.items()
+    for name, content in files
+    for reader in BY_KIND
+    if reader != kind and (name, reader) not in LIKE
+]
+
+
+@pytest.mark.parametrize(("kind", "name", "content", "reader"), EXCHANGED)
+def test_exchanged_files_are_named(tmp_path: Path, kind: str, name: str, content: str, reader: str) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(FileFormatError) as error:
+        BY_KIND[reader](path)
+    message = str(error.value)
+    assert message.startswith(f"{path}: not a {reader}: it looks like a {kind} (")
+    assert message.endswith(f"; {ADVICE[kind]}")
+
+
+BINARY = {
+    "picture": [
+        *(("a.png", files.pngs()[0]), ("a.jpg", files.jpegs()[0]), ("a.tif", files.tiffs()[0])),
+        *(("a.webp", files.webps()[0]), ("a.heic", b"\0\0\0\x18ftypheic" + bytes(64))),
+    ],
+    "video": [("clip.mp4", b"\0\0\0\x18ftypmp42" + bytes(64))],
+}
+
+
+@pytest.mark.parametrize("reader", ["gyro log", "capture file", "trajectory", "picture"])
+@pytest.mark.parametrize("kind", BINARY)
+def test_pictures_and_videos_are_named(write: Callable[..., Path], reader: str, kind: str) -> None:
+    if reader != kind and (reader, kind) != ("gyro log", "video"):
+        for name, content in BINARY[kind]:
+            with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a {kind}; {ADVICE[kind]}"):
+                BY_KIND[reader](write(content, name))
+
+
+@pytest.mark.parametrize("reader", ["capture file", "camera file", "trajectory", "picture"])
+def test_archives_of_logger_apps_are_named(write: Callable[..., Path], reader: str) -> None:
+    path = write(zipped(dict(FILES["gyro log"][:1])), "export.zip")
+    with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a gyro log .zip archive.; give it as"):
+        BY_KIND[reader](path)
+    write(zipped({"notes.txt": "no log"}), "export.zip")
+    with pytest.raises(FileFormatError, match=r"export\.zip: (?!.*looks like)"):
+        BY_KIND[reader](path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("camchain.yaml", files.CHAIN, "format kalibr has no place .* rsdeblur camera import"),
+        FILES["gyro log"][0] + ("it looks like a gyro log",),
+        ("camera.toml", "width = 320\n", "lacks height"),
+    ],
+)
+def test_only_a_camera_file_has_a_place_for_the_time_offset(tmp_path, name, content, message):
+    if name.endswith(".yaml"):
+        needs("kalibr")
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(FileFormatError, match=message):
+        write_time_offset(path, 0.1)

@@ -1,7 +1,5 @@
 """Arguments of the C extension: what would lead beyond an array is refused by every function; none is changed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Laws of kernels that paint and measure; test_twins.py compares all kernels with their oracles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.fft
@@ -16,7 +14,7 @@ from rsdeblur.kernels.shrink import CHUNK, extrapolate
 from rsdeblur.kernels.spread import interpolated
 from rsdeblur.kernels.tone import END, to_srgb, to_srgb_levels
 from rsdeblur.kernels.warp import average_warps
-from rsdeblur.kernels.whittle import smoothed_power
+from rsdeblur.kernels.whittle import Tiles, fit_gains, information, smoothed_power
 from tests.oracles.geometry import rasterize_numpy, to_spline_numpy
 
 # A few roundings of values up to 1; slopes up to 4 divide by variances down to FLAT.
@@ -109,17 +107,17 @@ def test_without_gates_the_pictures_come_back(arguments):
 
 
 @pytest.fixture(params=[(8, 8), (6, 4), (64, 64)], ids=str)
-def tiles(request):
+def noise_tiles(request):
     return np.random.default_rng(0).normal(size=(3, *request.param)).astype(np.float32)
 
 
-def test_the_whole_spectrum_is_smoothed(tiles):
+def test_the_whole_spectrum_is_smoothed(noise_tiles):
     """Half a spectrum gives the same as the whole one, convolved with 1/6, 2/3, 1/6 along both axes."""
-    power = np.abs(np.fft.fft2(tiles)) ** 2
+    power = np.abs(np.fft.fft2(noise_tiles)) ** 2
     for axis in (1, 2):
         power = 2 / 3 * power + (np.roll(power, 1, axis) + np.roll(power, -1, axis)) / 6
-    half = power[..., : tiles.shape[2] // 2 + 1]
-    np.testing.assert_allclose(smoothed_power(scipy.fft.rfft2(tiles)), half, rtol=1e-4, atol=1e-5 * half.max())
+    half = power[..., : noise_tiles.shape[2] // 2 + 1]
+    np.testing.assert_allclose(smoothed_power(scipy.fft.rfft2(noise_tiles)), half, rtol=1e-4, atol=1e-5 * half.max())
 
 
 @pytest.mark.parametrize("shape", [(300, 7, 1), (1, 90, 4), (2, 2, 2)])
@@ -238,3 +236,52 @@ def test_interpolated_kernels():
     assert abs(waves @ between @ waves) == pytest.approx(1, abs=0.03)
     assert moving.max() < 0.5
     assert np.isnan(interpolated(paths, 6, 7)).all()
+
+
+PLACES, FREQUENCIES = 12, 160
+SECTORS = np.arange(0, FREQUENCIES + 1, 20)
+PLACE = np.arange(PLACES) % 2
+LIGHTS = np.array([0.3, 1.0])
+RNG = np.random.default_rng(0)
+FREQUENCY = RNG.uniform(0.02, 0.5, FREQUENCIES)
+NOISE = np.full((PLACES, FREQUENCIES), 0.1, np.float32)
+
+
+def power_of(theta):
+    """Return power at two places that depends smoothly on two parameters."""
+    blur, tilt = theta
+    shape = np.exp(-20 * blur * FREQUENCY**2 + tilt * np.sin(20 * FREQUENCY)) / FREQUENCY**1.5
+    return np.stack([shape, shape * np.exp(-(FREQUENCY**2))]).astype(np.float32)
+
+
+GAINS = np.exp(RNG.normal(size=(PLACES, len(SECTORS) - 1)))
+SIGNAL = np.repeat(GAINS, np.diff(SECTORS), axis=1) * power_of((1.0, 0.3))[PLACE]
+POWER = ((SIGNAL + NOISE) * RNG.exponential(size=SIGNAL.shape)).astype(np.float32)
+
+
+def observed(theta, factor=1.0):
+    return Tiles(POWER, NOISE, np.float32(factor) * power_of(theta), PLACE, SECTORS)
+
+
+def nats(theta, stiffness):
+    return fit_gains(observed(theta), LIGHTS[1:], stiffness)[0].sum()
+
+
+@pytest.mark.parametrize("stiffness", [0.0, 1e4])
+def test_the_gradient_is_that_of_the_nats(stiffness):
+    theta, step = np.array([1.1, 0.2]), 1e-3
+    _, *fitted = fit_gains(observed(theta), LIGHTS[1:], stiffness)
+    axes = step * np.eye(2)
+    slopes = np.stack([np.log(power_of(theta + axis) / power_of(theta - axis)) / np.float32(2 * step) for axis in axes])
+    gradient, fisher = information(observed(theta), slopes, tuple(fitted), stiffness)
+    differences = [(nats(theta + axis, stiffness) - nats(theta - axis, stiffness)) / (2 * step) for axis in axes]
+    # The gains are found to 2 percent, which changes the gradient at second order.
+    np.testing.assert_allclose(gradient.sum(axis=0), differences, rtol=0.05)
+    assert (np.linalg.eigvalsh(fisher) > -1e-9).all()
+
+
+def test_power_of_the_scene_does_not_count():
+    """Gains absorb any factor on the power_of power."""
+    once, more = (fit_gains(observed((1.0, 0.3), factor), LIGHTS, 20.0) for factor in (1.0, 5.0))
+    # Newton's steps end when the logarithms change by less than 0.02.
+    np.testing.assert_allclose(once[0], more[0], rtol=1e-4)

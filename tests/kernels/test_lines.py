@@ -1,22 +1,19 @@
-"""Laws of moving lines, on the C kernels and on their NumPy twins.
+"""Laws of moving lines and of the spectral kernels, on the C code and on its NumPy twins."""
 
-The picture is unchanged, and its continuation joins smoothly.
-"""
-
-from __future__ import annotations
-
+import os
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from rsdeblur.deconv.tiling import fade
-from rsdeblur.kernels import lines, native, why_pure
+from rsdeblur.kernels import lines, native, spectral, why_pure
 
 N = 40
-
-
-NAMES = ("picture_to_lines", "lines_to_picture", "rows_to_columns", "columns_to_rows", "cut_lines")
+MOVING = ("picture_to_lines", "lines_to_picture", "rows_to_columns", "columns_to_rows", "cut_lines")
+NAMES = ("multiply", "blend", "unpair", "pair")
+# Values are of order 1 and each result is one complex product and one sum: a few roundings of 6e-8.
+TOLERANCE = {"rtol": 0, "atol": 1e-6}
 
 needs_native = pytest.mark.skipif(native is None, reason=f"no C extension: {why_pure}")
 
@@ -25,7 +22,8 @@ needs_native = pytest.mark.skipif(native is None, reason=f"no C extension: {why_
 def kernels(request):
     if request.param == "native":
         return native
-    return SimpleNamespace(**{name: getattr(lines, name + "_numpy") for name in NAMES})
+    places = {**dict.fromkeys(MOVING, lines), **dict.fromkeys(NAMES, spectral)}
+    return SimpleNamespace(**{name: getattr(module, name + "_numpy") for name, module in places.items()})
 
 
 def complex_noise(*shape):
@@ -124,3 +122,39 @@ def test_what_is_not_finite_is_reported_where_it_is_read(kernels, bad, channels)
     # Values that are huge but finite, and the smallest ones.
     picture[1, 20] = [[3e38], [1e-45]][channels == 1]
     assert kernels.picture_to_lines(picture, 1, 1, 15, fade(0), False, line)
+
+
+@pytest.mark.skipif(os.environ.get("RSDEBLUR_REQUIRE_CEXT", "0") != "1", reason="RSDEBLUR_REQUIRE_CEXT is not 1")
+def test_c_code_is_in_use():
+    assert native is not None, why_pure
+    assert all(getattr(spectral, name) is getattr(native, name) for name in NAMES)
+
+
+@pytest.mark.parametrize("n", [0, 1, 6])
+def test_blend_adds_weighted_positions_and_touches_no_other(kernels, n):
+    accumulator, slabs = complex_noise(3, 5, 11), complex_noise(2, 3, 5, 9)
+    weights = np.random.default_rng(2).uniform(-1, 1, (2, 6)).astype(np.float32)
+    spans = np.array([[4, 2, n], [0, 5, 3]], np.int32)
+    expected = accumulator.astype(np.complex128)
+    for slab, weight, (to, start, count) in zip(slabs, weights, spans, strict=True):
+        for i in range(count):
+            expected[..., to + i] += float(weight[i]) * slab[..., start + i]
+    assert kernels.blend(accumulator, slabs, weights, spans) is None
+    np.testing.assert_allclose(accumulator, expected, **TOLERANCE)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 8, 37])
+def test_spectra_of_pairs_become_those_of_real_lines_and_back(kernels, n):
+    values = np.random.default_rng(5).uniform(-1, 1, (2, 3, 2 * n)).astype(np.float32)
+    pairs = np.fft.fft(values.view(np.complex64)).astype(np.complex64)
+    spectra = np.full((2, 6, n + 4), 9, np.complex64)
+    kernels.unpair(pairs, spectral.turns(n), spectra, 2)
+    # Sums of up to 74 values of order 1, rounded to float32 a few times.
+    np.testing.assert_allclose(spectra[:, 2:5, : n + 1], np.fft.rfft(values), rtol=0, atol=1e-5)
+    assert not spectra[:, 2:5, n + 1 :].any()
+    assert (spectra[:, [0, 1, 5]] == 9).all()
+    # Like the inverse of any real transform, this one ignores imaginary parts that no real line has.
+    spectra[:, 2:5, [0, n]] += 3j
+    back = np.empty_like(pairs)
+    kernels.pair(spectra, 2, spectral.turns(n), back)
+    np.testing.assert_allclose(back, 2 * pairs, rtol=0, atol=1e-5)

@@ -1,7 +1,5 @@
 """Laws of the rowwise kernels, on the C code and on its SciPy twin."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws of shrinking derivatives, on the C kernels, which equal their NumPy twins."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -37,27 +35,19 @@ def either(request):
     return in_blocks(getattr(shrink, request.param))
 
 
-@pytest.fixture(params=[(19, 23, 3), (1, 9, 1)])
+# The last two are wider than the runs of values that the kernel omits where all vanish, with detail at their ends.
+@pytest.fixture(params=[(19, 23, 3), (1, 9, 1), (12, 150, 1), (12, 150, 3)], ids=str)
 def picture(request):
-    return np.random.default_rng(0).random(request.param, dtype=np.float32)
+    picture = np.random.default_rng(0).random(request.param, dtype=np.float32)
+    if picture.shape[1] == 150:
+        picture[:, np.delete(np.arange(150), [0, 31, 64, 149])] = 0.5
+    return picture
 
 
 def laplacian(picture, periodic):
     """Return D^T D times a picture."""
     wide = np.pad(picture, ((1, 1), (1, 1), (0, 0)), mode="wrap" if periodic else "edge")
     return 4 * picture - wide[2:, 1:-1] - wide[:-2, 1:-1] - wide[1:-1, 2:] - wide[1:-1, :-2]
-
-
-@pytest.mark.parametrize("name", KERNELS)
-@pytest.mark.parametrize("channels", [1, 3])
-def test_flat_parts_beside_detail_are_shrunk_as_by_the_twin(name, channels):
-    # Wider than the runs of values that the kernel omits where all of them vanish, with detail at their ends.
-    picture = np.full((12, 150, channels), 0.5, np.float32)
-    rng = np.random.default_rng(3)
-    for x in (0, 31, 64, 149):
-        picture[:, x] = rng.random((12, channels))
-    fast, twin = (in_blocks(getattr(shrink, kernel))(picture, 0.2) for kernel in (name, name + "_numpy"))
-    np.testing.assert_allclose(fast, twin, atol=FLOAT32)
 
 
 @pytest.mark.parametrize("channels", [1, 3])

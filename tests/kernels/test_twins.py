@@ -4,8 +4,6 @@ Reads out of bounds are found by compiling with checks:
 ``NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(mktemp -d) pytest tests/kernels/test_twins.py``
 """
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from collections.abc import Callable
@@ -196,7 +194,7 @@ ARGUMENTS: dict[str, Callable[[Arrays], list[Any]]] = {
     ],
     "integrated": lambda h: [np.arange(4.0), h(4, 3, dtype=np.float64)],
     "orientations": lambda h: [
-        *(h(5, dtype=np.float64), np.arange(4.0), h(4, 3, dtype=np.float64), h(4, 3, 3, dtype=np.float64)),
+        *(h(5, dtype=np.float64), np.arange(4.0), h(4, 3, dtype=np.float64), h(4, 3, 3, dtype=np.float64))
     ],
     "smoothed_power": lambda h: [h.pairs(2, 6, 4)],
     "separate": lambda h: [h(5, 7, 3)],
@@ -222,7 +220,7 @@ def test_every_kernel_is_tried() -> None:
     assert {name.removeprefix("rowwise_").replace("workspace", "workspace_size") for name in in_c} <= ARGUMENTS.keys()
 
 
-# What has laws of its own for both: `test_rowwise.py` and `test_spectral.py` solve systems and transform lines.
+# What has laws of its own for both: `test_rowwise.py` and `test_lines.py` solve systems and transform lines.
 OWN_LAWS = {"workspace_size", "assembled_size", "solve", "assemble", "solve_assembled", "pair", "unpair"}
 # Absolute tolerances of values of about 1 in float32: a few roundings, or
 TOLERANCES = {

@@ -1,20 +1,18 @@
 """Laws of the paths: signs, the reference of each row, and agreement with independent computations."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
 import pytest
+from scipy.interpolate import interp1d
 from scipy.optimize import brentq
 
-from rsdeblur.choices import MOTIONS
-from rsdeblur.errors import ClockError, CoverageError, GapError, InputError
-from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import BlurPaths, Capture
-from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, PsfBank, hand_shake
+from rsdeblur.choices import MOTIONS, Motion
+from rsdeblur.errors import ClockError, GapError
+from rsdeblur.motion import BlurPaths, Capture
+from rsdeblur.motion.alignment import Alignment, burst_captures
+from rsdeblur.psf import tile_centres
 
 WIDTH, HEIGHT, FOCAL = 96, 64, 110.0
 CENTRE = (np.array([31.5]), np.array([47.5]))
@@ -72,13 +70,6 @@ class TestSigns:
 
 
 class TestAnchor:
-    @pytest.mark.parametrize("motion", MOTIONS)
-    @pytest.mark.parametrize("readout_time", [0.0, 0.03])
-    def test_no_motion_is_no_path(self, motion, readout_time):
-        paths = paths_of(constant(0, 0, 0), camera_of(readout_time), motion=motion)
-        # Rounding in float64, of a projection and its inverse.
-        np.testing.assert_allclose(paths.displacements, 0.0, atol=1e-12)
-
     @pytest.mark.parametrize("motion", MOTIONS)
     def test_paths_pass_zero_at_mid_exposure(self, shaky_log, motion):
         d = paths_of(shaky_log(), camera_of(), motion=motion, samples=101).displacements
@@ -193,3 +184,65 @@ class TestRectify:
         since = (ROWS[:, None] - 31.5) / HEIGHT * 0.03 + np.linspace(-0.02, 0.02, 5)
         # Tolerance for the tangent, on a row that is a third of f away from the centre.
         np.testing.assert_allclose(paths.displacements[:, 0, :, 0], -FOCAL * 0.5 * since, atol=0.01)
+
+
+CAMERA = Camera(160, 120, 180.0, readout_time=0.03)
+EXPOSURES = [Exposure(0.1, 0.05), Exposure(0.25, 0.02), Exposure(-0.6, 0.1, 1_000_000_000)]
+DOWN, ACROSS = np.array([10.0, 60.0, 110.0]), np.array([20.0, 140.0])
+LOG = hand_shake(0.6, seed=2)
+
+
+@pytest.mark.parametrize("motion", ["rotation", "small-angle"])
+def test_the_reference_keeps_its_own_paths(motion: Motion) -> None:
+    capture = burst_captures(LOG, CAMERA, EXPOSURES, motion=motion)[0]
+    alone = BlurPaths.from_capture(Capture.from_log(LOG, CAMERA, EXPOSURES[0], motion=motion), DOWN, ACROSS, samples=33)
+    paths = Alignment(capture, capture)._displacements(DOWN, ACROSS, 33)
+    # The same steps in another order of products.
+    np.testing.assert_allclose(paths, alone.displacements, atol=1e-9)
+
+
+def test_places_lead_there_and_back_and_agree_with_rays() -> None:
+    first, _, last = burst_captures(LOG, CAMERA, EXPOSURES)
+    points = np.stack(np.meshgrid(ACROSS, DOWN), axis=-1)
+    places = Alignment(last, first).places(points)
+    assert np.abs(places - points).max() > 2
+    np.testing.assert_allclose(Alignment(first, last).places(places), points, atol=1e-4)
+    here, there = (
+        np.einsum("...ji,...j->...i", capture.track.at(capture.mid(pixels[..., 1])), CAMERA.rays(pixels))
+        for capture, pixels in ((first, points), (last, places))
+    )
+    np.testing.assert_allclose(np.cross(here, there), 0, atol=1e-6)
+
+
+def test_paths_of_resampled_frames_start_and_end_around_their_middle() -> None:
+    first, second, _ = burst_captures(LOG, CAMERA, EXPOSURES)
+    paths = Alignment(second, first)._displacements(DOWN, ACROSS, 65)
+    # At mid-exposure the resampled pixel shows its own place, whatever the rotation between the frames.
+    np.testing.assert_allclose(paths[:, :, 32], 0, atol=1e-3)
+    own = BlurPaths.from_capture(second, DOWN, ACROSS)
+    assert Alignment(second, first).paths(DOWN, ACROSS).extent[1] < 1.5 * own.extent[1] + 0.5
+
+
+def test_rows_between_traced_ones_have_the_paths_that_tracing_gives() -> None:
+    first, second, _ = burst_captures(LOG, CAMERA, EXPOSURES)
+    alignment = Alignment(second, first)
+    got = alignment.every_row(30, 71, ACROSS)
+    expected = alignment.paths(np.arange(30.0, 71.0), ACROSS)
+    np.testing.assert_array_equal(got.rows, expected.rows)
+    # They have fewer points, evenly spaced in time.
+    fine, coarse = (np.linspace(0, 1, paths.displacements.shape[2]) for paths in (expected, got))
+    at_same_times = interp1d(fine, expected.displacements, axis=2)(coarse)
+    # Each row takes 0.25 ms to read.
+    np.testing.assert_allclose(got.displacements, at_same_times, atol=0.01)
+    single = alignment.every_row(30, 31, ACROSS)
+    np.testing.assert_array_equal(single.displacements[0], alignment.every_row(30, 31 + 4, ACROSS).displacements[0])
+
+
+def test_a_recording_may_have_more_samples_than_an_exposure() -> None:
+    """Frames of a fast gyro are taken one by one; the time between them does not count."""
+    t = np.arange(0, 2.2, 1 / 8000)
+    log = GyroLog(t, np.full((len(t), 3), 0.02))
+    exposures = [Exposure(0.05 + 0.5 * n, 0.01) for n in range(5)]
+    for capture, exposure in zip(burst_captures(log, CAMERA, exposures), exposures, strict=True):
+        alone = Capture.from_log(log, CAMERA, exposure)
+        np.testing.assert_allclose(capture.probe.displacements, alone.probe.displacements, atol=1e-9)

@@ -1,13 +1,10 @@
 """Laws of the orientation integrated from a gyro log."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.gyro import GyroLog
+from rsdeblur import Camera, GyroLog
 from rsdeblur.motion.track import OrientationTrack
 
 CAMERA = Camera(64, 48, 80.0)

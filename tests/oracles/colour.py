@@ -1,7 +1,5 @@
 """Readable NumPy oracles of kernels: tone curves, colours and clipped light."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -15,7 +13,6 @@ from rsdeblur.types import Float32Array, FloatImage
 
 
 def separate_numpy(light: FloatImage) -> tuple[FloatImage, FloatImage]:
-    """Readable twin of :func:`separate`."""
     luma = light @ np.array([[RED], [GREEN], [BLUE]])
     height, width = light.shape[:2]
     even = np.pad(light, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
@@ -24,7 +21,6 @@ def separate_numpy(light: FloatImage) -> tuple[FloatImage, FloatImage]:
 
 
 def join_numpy(luma: FloatImage, half: FloatImage, peak: float, out: FloatImage) -> None:
-    """Readable twin of :func:`join`."""
     own = half @ np.array([[RED], [GREEN], [BLUE]])
     mean, square, colour, product = (
         uniform_filter(values, 3, mode="nearest", axes=(0, 1)) for values in (own, own * own, half, own * half)
@@ -48,22 +44,14 @@ def _doubled(values: NDArray[np.floating], shape: tuple[int, ...]) -> NDArray[np
 
 
 def extremes_numpy(roots: Float32Array, wide: int, lowest: Float32Array, highest: Float32Array) -> None:
-    """Readable twin of :func:`extremes`."""
     parts, lefts = _parts(roots), np.arange(0, roots.shape[1], wide)
     lowest[...] = np.minimum.reduceat(parts.min(axis=0), lefts)
     highest[...] = np.maximum.reduceat(parts.max(axis=0), lefts)
 
 
 def limit_numpy(
-    rows: FloatImage,
-    top: int,
-    tall: int,
-    wide: int,
-    weight: Float32Array,
-    least: Float32Array,
-    most: Float32Array,
+    rows: FloatImage, top: int, tall: int, wide: int, weight: Float32Array, least: Float32Array, most: Float32Array
 ) -> None:
-    """Readable twin of :func:`limit`."""
     (height, width, channels), numbers = rows.shape, np.concatenate([weight[..., None], least, most], axis=2)
     for axis, (first, count, step) in enumerate(((top, height, tall), (0, width, wide))):
         cells = numbers.shape[axis]
@@ -87,18 +75,15 @@ def _parts(roots: Float32Array) -> Float32Array:
 
 
 def look_up_numpy(table: Float32Array, values: Stored, light: Float32Array) -> None:
-    """Readable twin of :func:`look_up`."""
     light[...] = table[values]
 
 
 def to_srgb_levels_numpy(light: Float32Array, dtype: np.dtype[Any]) -> tuple[NDArray[Any], bool]:
-    """Readable twin of :func:`to_srgb_levels`."""
     values = np.nan_to_num(to_srgb_numpy(light)).clip(0.0, 1.0) * np.float32(np.iinfo(dtype).max)
     return np.rint(values).astype(dtype), bool(np.isfinite(light).all())
 
 
 def to_srgb_numpy(light: Float32Array) -> Float32Array:
-    """Readable twin of :func:`to_srgb`."""
     magnitude = np.abs(light)
     values = np.where(magnitude <= END, magnitude * SLOPE, magnitude ** np.float32(1 / GAMMA) * SCALE - OFFSET)
     encoded: Float32Array = np.copysign(values, light)
@@ -106,7 +91,6 @@ def to_srgb_numpy(light: Float32Array) -> Float32Array:
 
 
 def depths_numpy(light: FloatImage, step: int, below: Float32Array) -> None:
-    """Readable twin of :func:`depths`."""
     depth = -np.minimum(light.min(axis=2), 0)
     tops, lefts = (np.arange(0, n, step) for n in depth.shape)
     areas = np.multiply.outer(*(np.diff([*range(0, n, step), n]) for n in depth.shape))
@@ -114,7 +98,6 @@ def depths_numpy(light: FloatImage, step: int, below: Float32Array) -> None:
 
 
 def fade_to_numpy(sharp: FloatImage, blurred: FloatImage, weight: Float32Array, down: Between, across: Between) -> None:
-    """Readable twin of :func:`fade_to`."""
     (above, under, low), (left, right, far) = down, across
     lines = weight[above] + low[:, None] * (weight[under] - weight[above])
     share = lines[:, left] + far * (lines[:, right] - lines[:, left])

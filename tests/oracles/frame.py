@@ -1,7 +1,5 @@
 """Readable NumPy oracles of `rsdeblur.kernels.frame`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -77,16 +75,10 @@ def _sums_of_squares_numpy(band: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def cut_block_numpy(
-    picture: Float32Array,
-    rows: NDArray[np.intp],
-    columns: NDArray[np.intp],
-    mix: Float32Array,
-    planes: Float32Array,
+    picture: Float32Array, rows: NDArray[np.intp], columns: NDArray[np.intp], mix: Float32Array, planes: Float32Array
 ) -> None:
-    """Readable twin of :func:`cut_block`."""
     planes[...] = np.moveaxis(picture[np.ix_(rows, columns)] @ mix.T, -1, 0)
 
 
 def put_block_numpy(planes: Float32Array, mix: Float32Array, out: Float32Array) -> None:
-    """Readable twin of :func:`put_block`."""
     out[...] = np.moveaxis(planes, 0, -1) @ mix

@@ -1,7 +1,5 @@
 """Readable NumPy oracles of kernels: paths, PSFs and resampling."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -14,7 +12,6 @@ from rsdeblur.types import FloatArray, FloatImage
 
 
 def row_directions_numpy(world: FloatArray, rows: FloatArray, matrices: FloatArray) -> FloatArray:
-    """Readable twin of :func:`row_directions`."""
     place = np.clip(np.nan_to_num(rows, nan=-np.inf) + len(matrices) // 4, 0.0, len(matrices) - 1.0)
     i = np.minimum(place.astype(np.intp), len(matrices) - 2)
     pose = matrices[i] + (place - i)[..., None] * (matrices[i + 1] - matrices[i])
@@ -33,7 +30,6 @@ def pinhole_paths_numpy(
     pinhole: tuple[float, float, float, float],
     steps: int,
 ) -> FloatArray:
-    """Readable twin of :func:`pinhole_paths`."""
     world = np.einsum("btji,bsj->bsti", orientation, scene) + position[:, None]
     points = np.stack(np.meshgrid(cols, rows), axis=-1)[:, :, None]
     pixels = np.broadcast_to(points, (*world.shape[:-1], 2))
@@ -83,13 +79,11 @@ def _crossings(coordinate: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def to_spline_numpy(picture: FloatImage) -> None:
-    """Readable twin of :func:`to_spline`."""
     for c in range(picture.shape[2]):
         picture[..., c] = ndimage.spline_filter(picture[..., c], ORDER, output=np.float32, mode="mirror")
 
 
 def sample_numpy(coefficients: FloatImage, x: NDArray[np.float32], y: NDArray[np.float32]) -> FloatImage:
-    """Readable twin of :func:`sample`."""
     known = (np.abs(x) < FARTHEST) & (np.abs(y) < FARTHEST)
     places = np.where(known, np.stack([y, x]), 0.0)
     channels = [
@@ -103,7 +97,6 @@ def sample_numpy(coefficients: FloatImage, x: NDArray[np.float32], y: NDArray[np
 def interpolated_numpy(
     paths: NDArray[np.float64], half_height: int, half_width: int, softness: float = 0.0
 ) -> NDArray[np.float32]:
-    """Readable twin of :func:`interpolated`."""
     grids = np.full((len(paths), 2 * half_height + 1, 2 * half_width + 1), np.nan)
     if _fits(paths, (1.0, 1.0), grids[0]):
         grids[...] = 0
@@ -141,7 +134,6 @@ def _spread_numpy(path: NDArray[np.float64], pitches: tuple[float, float], table
 def average_warps_numpy(
     coefficients: NDArray[np.float32], warps: NDArray[np.float64], width: int
 ) -> NDArray[np.float32]:
-    """Readable twin of :func:`average_warps`."""
     height, samples = warps.shape[:2]
     y, x = np.mgrid[:height, :width].astype(np.float64)
     total = np.zeros((height, width, coefficients.shape[2]))

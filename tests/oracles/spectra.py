@@ -1,7 +1,5 @@
 """Readable NumPy oracles of kernels: spectra."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +13,6 @@ from rsdeblur.types import ComplexArray, Float32Array, FloatArray
 def fit_floors_numpy(
     tiles: TilePowers, start: tuple[float, float], steps: int, weight: float
 ) -> tuple[FloatArray, float]:
-    """Readable twin of :func:`fit_floors`."""
     starts, sizes = tiles.cells[:-1], np.diff(tiles.cells)
     gains, (squared, prior), bright = _first_gains(tiles), 2 * start[1:], tiles.brightness[:, None]
     even, brighter = _first_noises(tiles, start[0])
@@ -45,7 +42,6 @@ def add_normal_numpy(
     signal: NDArray[np.complex64],
     power: NDArray[np.float32],
 ) -> None:
-    """Readable twin of :func:`add_normal`."""
     signal[...] = share * otfs.conj()[:, None] * spectra + (0 if first else signal)
     power[...] = share * np.abs(otfs) ** 2 + (0 if first else power)
 
@@ -61,7 +57,6 @@ def solve_normal_numpy(
     scale: float,
     spectra: NDArray[np.complex64],
 ) -> None:
-    """Readable twin of :func:`solve_normal`."""
     picture, gradient, bend = coupling
     squared = across[:, None] + down
     gains = scale / np.maximum(power + nsr + picture + gradient * squared + bend * squared**2, TINY)
@@ -69,14 +64,12 @@ def solve_normal_numpy(
 
 
 def rows_around_origin_numpy(grid: NDArray[np.floating], factor: float, rows: Float32Array) -> None:
-    """Readable twin of :func:`rows_around_origin`."""
     padded = np.zeros(rows.shape)
     padded[:, : grid.shape[1]] = grid * factor
     rows[...] = np.roll(padded, -(grid.shape[1] // 2), axis=1)
 
 
 def columns_around_origin_numpy(spectrum: ComplexArray, gains: Float32Array, first: int, columns: ComplexArray) -> None:
-    """Readable twin of :func:`columns_around_origin`."""
     part = (spectrum * gains)[:, first : first + len(columns)].T
     columns[...] = 0
     columns[: len(part), : part.shape[1]] = part
@@ -84,7 +77,6 @@ def columns_around_origin_numpy(spectrum: ComplexArray, gains: Float32Array, fir
 
 
 def lowest_frequencies_numpy(spectra: ComplexArray, gains: Float32Array, out: ComplexArray) -> None:
-    """Readable twin of :func:`lowest_frequencies`."""
     length, half = len(gains), len(gains) // 2
     out[:, : length - half], out[:, length - half :] = spectra[:, : length - half], spectra[:, -half:]
     if length % 2 == 0:
@@ -93,14 +85,12 @@ def lowest_frequencies_numpy(spectra: ComplexArray, gains: Float32Array, out: Co
 
 
 def put_columns_numpy(columns: ComplexArray, block: int, band: int, out: ComplexArray) -> None:
-    """Readable twin of :func:`put_columns`."""
     target = out[block:, band]
     blocks = columns.reshape(-1, *target.shape[1:])[: len(target)]
     target[: len(blocks)] = blocks
 
 
 def fit_gains_numpy(tiles: Tiles, levels: FloatArray, stiffness: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Readable twin of :func:`fit_gains`."""
     power, noise, expected, place, sectors = tiles
     of_direction = np.repeat(np.arange(len(sectors) - 1), np.diff(sectors))
     fits = [
@@ -147,12 +137,8 @@ def _fit_tile(
 
 
 def information_numpy(
-    tiles: Tiles,
-    slopes: NDArray[np.float32],
-    fitted: tuple[FloatArray, FloatArray],
-    stiffness: float,
+    tiles: Tiles, slopes: NDArray[np.float32], fitted: tuple[FloatArray, FloatArray], stiffness: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Readable twin of :func:`information`."""
     power, noise, expected, place, sectors = tiles
     gains, levels = fitted
     signal = np.repeat(gains, np.diff(sectors), axis=1) * expected[place]
@@ -174,14 +160,12 @@ def information_numpy(
 def invert_numpy(
     otfs: ComplexArray, nsr: np.float32, scale: np.float32, block: int, band: int, out: ComplexArray
 ) -> None:
-    """Readable twin of :func:`invert`."""
     target = out[block:, band]
     columns = otfs.reshape(-1, *target.shape[1:])[: len(target)]
     target[: len(columns)] = columns.conj() * (scale / (np.square(columns.real) + np.square(columns.imag) + nsr))
 
 
 def spectra_to_lanes_numpy(spectra: ComplexArray, rows: int, lanes: Float32Array, top: int) -> None:
-    """Readable twin of :func:`spectra_to_lanes`."""
     for b, block in enumerate(lanes):
         part = spectra[:, :rows, LANES * b : LANES * (b + 1)]
         for axis, values in enumerate((part.real, part.imag)):
@@ -189,7 +173,6 @@ def spectra_to_lanes_numpy(spectra: ComplexArray, rows: int, lanes: Float32Array
 
 
 def lanes_to_spectra_numpy(lanes: Float32Array, top: int, spectra: ComplexArray, rows: int) -> None:
-    """Readable twin of :func:`lanes_to_spectra`."""
     values = lanes[:, :, top : top + rows, 0] + 1j * lanes[:, :, top : top + rows, 1]
     whole = np.moveaxis(values, 0, 2).reshape(*values.shape[1:3], -1)
     spectra[:, :rows] = whole[..., : spectra.shape[2]]

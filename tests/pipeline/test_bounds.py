@@ -1,10 +1,9 @@
-"""Bounds of what is computed: numbers that float32 does not carry, and work that the picture's size does not justify.
+"""Bounds of memory, of numbers that float32 does not carry, and of work that the picture's size does not justify.
 
 Warnings are errors, so none of these calls overflows in silence.
 """
 
-from __future__ import annotations
-
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,23 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rsdeblur import (
-    Camera,
-    Deconvolver,
-    Exposure,
-    GyroLog,
-    InputError,
-    PsfBank,
-    RsdeblurError,
-    deblur,
-    deconvolve,
-    find_time_offset,
-    hand_shake,
-    psfs,
-    scene,
-    simulate,
-)
+from rsdeblur import Camera, Deconvolver, Exposure, GyroLog, PsfBank, deblur, deconvolve, find_time_offset, psfs, scene
 from rsdeblur.choices import DISTORTIONS, MODES
+from rsdeblur.errors import InputError, RsdeblurError
+from rsdeblur.pipeline import memory
+from rsdeblur.simulation import Simulation
+from rsdeblur.simulation.shake import hand_shake
+from rsdeblur.simulation.simulate import simulate
 from tests.installed import PRIORS
 
 HEIGHT, WIDTH = 36, 48
@@ -85,10 +74,6 @@ def test_an_even_result_is_not_good(options: dict[str, Any]) -> None:
     assert "lost" in check.reasons[-1]
 
 
-# No message of a refusal is longer.
-LONGEST_LINE = 300
-
-
 def test_a_tiny_nsr_counts_as_what_float32_carries() -> None:
     bank = PsfBank.for_picture(np.full((1, 5), 0.2), (HEIGHT, WIDTH))
     light = NOISE[..., 0]
@@ -129,9 +114,7 @@ def test_a_lens_that_sees_everything_has_psfs() -> None:
     st.integers(0, 2**32 - 1),
 )
 @pytest.mark.filterwarnings("ignore:gyro rates look like degrees", "ignore:a focal length of")
-def test_any_camera_and_motion_has_psfs_or_is_refused(
-    model: Any, focal: float, bend: float, speed: float, duration: float, seed: int
-) -> None:
+def test_any_camera_and_motion_has_psfs_or_is_refused(model, focal, bend, speed, duration, seed):
     rng = np.random.default_rng(seed)
     k = rng.normal(0, 10**bend, 4) * rng.integers(2, size=4) if model != "none" else ()
     log = GyroLog(np.arange(120) * 0.005, rng.normal(0, 10**speed, (120, 3)))
@@ -139,6 +122,91 @@ def test_any_camera_and_motion_has_psfs_or_is_refused(
         camera = Camera(WIDTH, HEIGHT, 10**focal, readout_time=0.03, distortion_model=model, distortion=k)
         bank = psfs(log, camera, Exposure(0.1, 10**duration))
     except RsdeblurError as refusal:
-        assert len(str(refusal)) < 2 * LONGEST_LINE  # noqa: PT017, because either is right
+        # No message of a refusal is longer.
+        assert len(str(refusal)) < 600  # noqa: PT017, because either is right
     else:
         assert np.isfinite(bank.kernels).all()
+
+
+# The published method's filter unless a test says otherwise: fast, and linear in the picture.
+deblurred = partial(deblur, prior="wiener")
+
+TALL, NARROW = 400, 96
+TALL_CAMERA = Camera(NARROW, TALL, 500.0, readout_time=0.03)
+SHUTTER = Exposure(0.06, 1 / 50)
+BANDS = {"bands": 12, "strips": 2}
+ROWS = {"mode": "rowwise", "strips": 2}
+# Options, and bytes for which the picture is cut into a few chunks. Priors have their automatic weights.
+METHODS = {
+    "banded": ({**BANDS, "nsr": 0.02}, 1_700_000),
+    "rowwise": ({**ROWS, "nsr": 0.02}, 1_700_000),
+    "global tv": ({"mode": "global", "prior": "tv"}, 2_700_000),
+    "rowwise wavelet": ({**ROWS, "prior": "wavelet"}, 3_000_000),
+    "banded wavelet": ({**BANDS, "prior": "wavelet"}, 4_000_000),
+}
+
+
+@pytest.fixture(scope="module")
+def log() -> GyroLog:
+    return hand_shake(0.2, seed=3)
+
+
+@pytest.fixture(scope="module")
+def capture(log: GyroLog) -> Simulation:
+    return simulate(scene(TALL + 40, NARROW + 60), log, TALL_CAMERA, SHUTTER, noise=0.003)
+
+
+@pytest.fixture
+def planned(monkeypatch):
+    """Record the chunks, without the fixed part of the memory, so that small pictures can be cut."""
+    chunks = []
+
+    def plan(*args):
+        chunks[:] = plan_chunks(*args)
+        return chunks
+
+    plan_chunks = memory.plan_chunks
+    monkeypatch.setattr(memory, "FIXED", 0)
+    monkeypatch.setattr("rsdeblur.pipeline.steps.plan_chunks", plan)
+    return chunks
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_chunks_give_the_picture_that_is_solved_whole(capture, log, planned, name):
+    arguments, (options, most) = (capture.blurred, log, TALL_CAMERA, SHUTTER), METHODS[name]
+    whole = deblurred(*arguments, **options)
+    assert len(planned) == 1
+    sliced = deblurred(*arguments, **options, max_memory=most)
+    assert len(planned) > 1
+    rows = [row for chunk in planned for row in range(chunk.target.start, chunk.target.stop)]
+    assert rows == list(range(TALL))
+    assert all(chunk.source.start <= chunk.target.start and chunk.target.stop <= chunk.source.stop for chunk in planned)
+    assert (sliced.bands, sliced.strips) == (whole.bands, whole.strips)
+    for chunk in planned[1:]:
+        near = np.s_[chunk.target.start - 8 : chunk.target.start + 9, 24:-24]
+        change = np.sqrt(np.mean((sliced.image - whole.image)[near] ** 2))
+        losses = [np.mean((image - capture.rolling)[near] ** 2) for image in (whole.image, sliced.image)]
+        # A step of 8 bits, and 0.05 dB. Measured: 0.0022 with one filter for the picture, below 0.0012 otherwise.
+        assert change < 0.004
+        assert 10 * np.log10(losses[1] / losses[0]) < 0.05
+
+
+def test_too_little_memory_is_refused_before_the_work(capture, log, monkeypatch):
+    monkeypatch.setattr(memory, "FIXED", 0)
+    with pytest.raises(InputError, match=r"max_memory is 0 MiB, but even 16 rows of this picture need \d+ MiB"):
+        deblurred(capture.blurred, log, TALL_CAMERA, SHUTTER, max_memory=2**18)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_results_are_written_to_out(capture, log, tmp_path, dtype):
+    """Also between memory-mapped files; integers are rounded."""
+    top = 1 if dtype == np.float32 else np.iinfo(dtype).max
+    np.save(tmp_path / "in.npy", (capture.blurred.clip(0, 1) * top).astype(dtype))
+    blurred = np.load(tmp_path / "in.npy", mmap_mode="r")
+    out = np.lib.format.open_memmap(tmp_path / "out.npy", mode="w+", dtype=dtype, shape=blurred.shape)
+    result = deblurred(blurred, log, TALL_CAMERA, SHUTTER, nsr=0.02, out=out)
+    assert result.image is out
+    expected = deblurred(np.array(blurred), log, TALL_CAMERA, SHUTTER, nsr=0.02).image
+    if dtype != np.float32:
+        expected = np.rint(expected * np.float32(top))
+    np.testing.assert_array_equal(np.load(tmp_path / "out.npy"), expected)

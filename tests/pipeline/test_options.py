@@ -1,7 +1,5 @@
 """Options: one set of defaults for Python and the command line, and their checks."""
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import fields, replace
 from pathlib import Path
@@ -11,30 +9,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from rsdeblur import (
-    Camera,
-    Exposure,
-    InputError,
-    Options,
-    Translation,
-    deblur,
-    find_time_offset,
-    from_linear,
-    plan,
-    read_camera,
-    read_gyro,
-    read_picture,
-    simulate,
-    write_picture,
-)
+from rsdeblur import Camera, Correction, Exposure, InputError, Options, deblur, hand_shake, plan, scene, simulate
 from rsdeblur.choices import QUALITIES, Quality
 from rsdeblur.cli import main
 from rsdeblur.cli.batch import command as batch
 from rsdeblur.cli.compare import command as compare
 from rsdeblur.cli.deblur import command as deblur_command
 from rsdeblur.cli.video import command as video
-from rsdeblur.simulation.scene import scene
-from rsdeblur.simulation.shake import hand_shake
+from rsdeblur.estimate import Refinement
+from rsdeblur.estimate.time_offset import find_time_offset
+from rsdeblur.image.transfer import from_linear
+from rsdeblur.io import read_camera, read_gyro, read_picture, write_picture
 
 DEFAULTS = {field.name: field.default for field in fields(Options)}
 CAMERA, EXPOSURE = Camera(96, 80, 110.0, readout_time=0.03), Exposure(0.05, 1 / 30)
@@ -71,28 +56,44 @@ def test_the_command_line_has_the_same_defaults(command: click.Command, differin
                 Options(**{name: "?"})
 
 
-def test_python_and_the_command_line_give_the_same_pixels(tmp_path: Path) -> None:
-    """One capture has lamps, the other one a drift that refining corrects."""
-    camera, exposure = Camera(192, 144, 280.0, readout_time=0.02), Exposure(0.5, 1 / 20)
-    log = hand_shake(1.2, seed=5)
+def test_python_and_the_command_line_give_the_same_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a photo with lamps, as it is and after a correction that both ask for in the same way."""
+    camera, exposure, log = Camera(192, 144, 280.0, readout_time=0.02), Exposure(0.5, 1 / 20), hand_shake(1.2, seed=5)
     np.savetxt(tmp_path / "log.csv", np.column_stack([log.t, log.omega]), "%.9f", ",", header="t,wx,wy,wz", comments="")
     camera.save(tmp_path / "camera.toml")
-    sources = ["--gyro", tmp_path / "log.csv", "--camera", tmp_path / "camera.toml"]
+    sources = ["--gyro", tmp_path / "log.csv", "--camera", tmp_path / "camera.toml", "--start", "0.5"]
     recording = read_gyro(tmp_path / "log.csv"), read_camera(tmp_path / "camera.toml"), exposure
-    lamps = scene(176, 224)
+    lamps, asked = scene(176, 224), []
     lamps[70:73, 100:103] = lamps[90:93, 50:53] = 30.0
-    captures = (lamps, None), (scene(176, 224), Translation.drift((3.0, -2.0), camera, exposure))
-    for light, drift in captures:
-        blurred = simulate(light, log, camera, exposure, translation=drift, noise=0.005).blurred
-        photo = np.rint(255 * from_linear(blurred.clip(0, 1), "srgb")).astype(np.uint8)
-        write_picture(tmp_path / "photo.png", photo, force=True)
-        call = ["deblur", tmp_path / "photo.png", *sources, "--start", "0.5", "--duration", "1/20", "--force"]
-        call += ["--no-refine" if drift is None else "--refine", "-o", tmp_path / "sharp.png"]
+    blurred = simulate(lamps, log, camera, exposure, noise=0.005).blurred
+    photo = np.rint(255 * from_linear(blurred.clip(0, 1), "srgb")).astype(np.uint8)
+    write_picture(tmp_path / "photo.png", photo)
+    late = replace(camera, time_offset=2e-3)
+
+    def refined(images, *given, known_axes, **_):
+        asked.append((np.asarray(images).tobytes(), *given, known_axes))
+        return Refinement(log, late, exposure, None, True, "", Correction(offset=2e-3), Correction(), 0.9, 9.0, 0.05)
+
+    monkeypatch.setattr("rsdeblur.pipeline.plan.refine", refined)
+    for refine in (False, True):
+        call = [
+            "deblur",
+            tmp_path / "photo.png",
+            *sources,
+            "--duration",
+            "1/20",
+            "--force",
+            "-o",
+            tmp_path / "sharp.png",
+        ]
+        call.append("--refine" if refine else "--no-refine")
         assert CliRunner().invoke(main, list(map(str, call)), catch_exceptions=False).exit_code == 0
-        result = deblur(photo, *recording, refine=drift is not None, out=np.empty_like(photo))
-        assert "highlights" in result.timings if drift is None else result.refinement.accepted
-        assert (next(iter(result.timings)) == "refine") == (drift is not None)
+        result = deblur(photo, *recording, refine=refine, out=np.empty_like(photo))
+        assert "highlights" in result.timings
+        assert (next(iter(result.timings)) == "refine") == refine
         np.testing.assert_array_equal(read_picture(tmp_path / "sharp.png").pixels, result.image)
+    assert len(asked) == 2
+    assert asked[0] == asked[1]
 
 
 def test_automatic_saturation_yields_to_speed_and_memory() -> None:
@@ -127,8 +128,9 @@ def test_auto_transfer_is_srgb_for_integers_and_linear_for_floats() -> None:
             deblur(pixels, log, CAMERA, EXPOSURE, **options, transfer=chosen).image for chosen in ("auto", transfer)
         ]
         np.testing.assert_array_equal(*results)
+    part, camera = stored[8:72, 16:80, 1], CAMERA.cropped(16, 8, 64, 64)
     searches = [
-        find_time_offset(stored[..., 1], log, CAMERA, EXPOSURE, search=(-0.004, 0.004), transfer=chosen).scores
+        find_time_offset(part, log, camera, EXPOSURE, search=(-0.004, 0.004), transfer=chosen).scores
         for chosen in ("auto", "srgb")
     ]
     np.testing.assert_array_equal(*searches)

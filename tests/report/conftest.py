@@ -1,14 +1,10 @@
 """A small report for the tests of the page."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from rsdeblur.io.pictures import Picture
-from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.exposure import Exposure
-from rsdeblur.psf import PsfBank
+from rsdeblur import Camera, Exposure, PsfBank
+from rsdeblur.io import Picture
 from rsdeblur.report.facts import Finding
 from rsdeblur.report.page import Page
 

@@ -1,7 +1,5 @@
 """Plots with Matplotlib, drawn without a screen."""
 
-from __future__ import annotations
-
 import doctest
 
 import numpy as np

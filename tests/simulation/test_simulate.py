@@ -1,24 +1,20 @@
-"""Laws of the forward model, and its agreement with the PSF branch, with which it shares no code."""
-
-from __future__ import annotations
+"""The simulator: laws of photos and clips, agreement with the PSFs, the test picture and the shake."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
+from rsdeblur import Camera, Exposure, GyroLog, PsfBank, Translation, hand_shake, scene, simulate
 from rsdeblur.choices import READOUT_DIRECTIONS
-from rsdeblur.errors import ClockError, CoverageError, GapError
-from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import BlurPaths, Capture
-from rsdeblur.psf import PsfBank
-from rsdeblur.simulation.scene import scene
-from rsdeblur.simulation.simulate import simulate
+from rsdeblur.motion import BlurPaths, Capture
+from rsdeblur.simulation import Layer
+from rsdeblur.simulation.clip import simulate_clip
 
 SIZE, FOCAL = 80, 100.0
-EXPOSURE = Exposure(0.12, 0.05)
+EXPOSURE, STILL = Exposure(0.12, 0.05), GyroLog(np.arange(0, 1, 0.01), np.zeros((100, 3)))
 
 # Half the side of the window around a dot, px.
 RADIUS = 16
@@ -29,10 +25,6 @@ SPLINE = 3e-6
 
 def camera_of(readout_time=0.03, direction="top-down", **options):
     return Camera(SIZE, SIZE, FOCAL, readout_time=readout_time, readout_direction=direction, **options)
-
-
-def still():
-    return GyroLog(np.linspace(0.0, 0.4, 41), np.zeros((41, 3)))
 
 
 def turning(*acceleration):
@@ -67,7 +59,7 @@ def picture():
 class TestIdentities:
     @pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
     def test_zero_motion_returns_the_sharp_picture(self, picture, direction):
-        for seen in simulate(picture, still(), camera_of(direction=direction), EXPOSURE):
+        for seen in simulate(picture, STILL, camera_of(direction=direction), EXPOSURE):
             np.testing.assert_allclose(seen, picture, atol=SPLINE)
             assert seen.dtype == np.float32
 
@@ -141,7 +133,7 @@ class TestFrame:
 
 class TestNoise:
     def test_level_and_place(self, picture):
-        seen = simulate(picture, still(), camera_of(), EXPOSURE, noise=0.01, seed=3)
+        seen = simulate(picture, STILL, camera_of(), EXPOSURE, noise=0.01, seed=3)
         grain = seen.blurred - picture
         n = grain.size
         # Five standard errors of a standard deviation and of a mean.
@@ -199,15 +191,130 @@ def _gathered(sharp, capture, x, y):
     return np.einsum("yxij,yxij->yx", bank.kernels[..., ::-1, ::-1], latent)
 
 
-class TestErrors:
-    @pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
-    def test_logs(self, direction):
-        sharp, camera = np.zeros((SIZE, SIZE)), camera_of(direction=direction)
-        with pytest.raises(CoverageError, match=r"misses 20\.000 ms at its start"):
-            simulate(sharp, still(), camera, Exposure(-0.02, 0.05))
-        with pytest.raises(ClockError):
-            simulate(sharp, still(), camera, Exposure(0.1, 0.05, 10**18))
-        log = still()
-        holed = GyroLog(np.delete(log.t, range(14, 20)), log.omega[6:])
-        with pytest.raises(GapError):
-            simulate(sharp, holed, camera, EXPOSURE)
+CAMERA = Camera(96, 72, 110.0, readout_time=0.02, readout_direction="right-left")
+EXPOSURES = [Exposure(0.1, 0.02), Exposure(0.5, 0.02)]
+
+
+@pytest.fixture(scope="module")
+def wide():
+    return scene(112, 144)
+
+
+@pytest.mark.parametrize("distortion", [{}, {"distortion_model": "radtan", "distortion": [0.1, 0.0, 0.01, 0.0]}])
+def test_a_clip_of_one_frame_is_a_photo(wide, distortion):
+    """Both are the scene at the mid-exposure of the middle row."""
+    log, exposure, camera = hand_shake(0.5, seed=3), Exposure(0.2, 0.03), replace(CAMERA, **distortion)
+    (frame,) = simulate_clip(wide, log, camera, [exposure], samples=12)
+    photo = simulate(wide, log, camera, exposure, samples=12).blurred
+    # Both integrate alike; the middle of the readout, summed in another order, differs by float64's rounding.
+    np.testing.assert_allclose(frame, photo, atol=1e-6)
+
+
+def test_a_still_camera_films_the_scene(wide):
+    frames = list(simulate_clip(wide, STILL, CAMERA, EXPOSURES))
+    assert len(frames) == 2
+    for frame in frames:
+        # float32 and the cubic interpolation at whole pixels
+        assert np.abs(frame - wide[20:92, 24:120]).max() < 1e-4
+
+
+SLIDE = Translation([0.0, 0.9], [[0, 0, 0], [0.009, -0.018, 0]], depth=2.0)
+
+
+@pytest.fixture(scope="module")
+def disc():
+    """A mask of a disc in the middle of the scene."""
+    return (np.hypot(*np.mgrid[-56:56, -72:72]) < 12).astype(float)
+
+
+def places(frames):
+    """Return the centres of gravity (x, y) of white frames."""
+    return [np.array([np.average(axis, weights=frame) for axis in np.mgrid[:72, :96][::-1]]) for frame in frames]
+
+
+class TestLayer:
+    """Opaque layers replace the scene, transparent ones show it, and their pixels move as they should."""
+
+    def test_even_layers_mix_two_clips(self, wide):
+        log, other = hand_shake(0.7, seed=3), wide[::-1].copy()
+
+        def frame(picture, *opacities):
+            layers = [Layer(other, np.full(wide.shape[:2], opacity)) for opacity in opacities]
+            return next(simulate_clip(picture, log, CAMERA, EXPOSURES[:1], layers=layers, samples=8))
+
+        plain, covered = frame(wide), frame(other)
+        for opacity in (0.0, 0.3, 1.0):
+            np.testing.assert_allclose(frame(wide, opacity), opacity * covered + (1 - opacity) * plain, atol=1e-5)
+
+    @pytest.mark.parametrize("direction", ["top-down", "right-left"])
+    def test_a_thing_moves_by_its_velocity(self, disc, direction):
+        camera = Camera(96, 72, 110.0, readout_direction=direction)
+        layer = Layer(np.ones_like(disc), disc, velocity=(20.0, -30.0))
+        first, last = places(simulate_clip(np.zeros_like(disc), STILL, camera, EXPOSURES, layers=[layer]))
+        np.testing.assert_allclose(last - first, 0.4 * np.array([20.0, -30.0]), atol=0.02)
+
+    @pytest.mark.parametrize("direction", ["top-down", "right-left"])
+    def test_near_things_move_by_more(self, disc, direction):
+        """By f times the camera's way over their distance."""
+        camera = Camera(96, 72, 110.0, readout_direction=direction)
+        for depth, expected in ((None, 2.0), (2.0, 2.0), (0.5, 0.5)):
+            layer = Layer(np.ones_like(disc), disc, depth=depth)
+            first, last = places(
+                simulate_clip(np.zeros_like(disc), STILL, camera, EXPOSURES, translation=SLIDE, layers=[layer])
+            )
+            way = 0.4 / 0.9 * np.array([0.009, -0.018])
+            np.testing.assert_allclose(last - first, -110.0 * way / expected, atol=0.02)
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (67, 150), (140, 80)])
+def test_any_size_in_range(shape: tuple[int, int]) -> None:
+    picture = scene(*shape)
+    assert picture.shape == (*shape, 3)
+    assert picture.dtype == np.float32
+    assert picture.min() >= 0.0
+    assert picture.max() <= 1.0
+
+
+def test_structure_at_all_scales() -> None:
+    grey = scene(192, 256).mean(axis=2)
+    spectrum = np.abs(np.fft.fft2(grey - grey.mean()))
+    radius = np.hypot(*np.meshgrid(np.fft.fftfreq(256), np.fft.fftfreq(192)))
+    # Amplitudes of photographs fall about as 1/f; a factor of 10 per octave would mean an empty band.
+    octaves = [spectrum[(radius > r) & (radius <= 2 * r)].mean() for r in (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4)]
+    ratios = np.array(octaves[:-1]) / np.array(octaves[1:])
+    assert np.all((ratios > 0.8) & (ratios < 5.0)), ratios
+
+
+# Drift, sway and tremor, Hz.
+BANDS = (0.1, 2.0), (3.0, 7.0), (8.0, 12.0)
+
+
+def band_rms(log: GyroLog, low: float, high: float) -> np.ndarray:
+    """Return the rms rate per axis of a log between two frequencies in Hz."""
+    t = np.arange(*log.span, 1.0 / 200.0)
+    even = np.stack([np.interp(t, log.t, log.omega[:, axis]) for axis in range(3)], axis=1)
+    frequency, power = signal.welch(even, 200.0, nperseg=2000, axis=0)
+    inside = (frequency >= low) & (frequency <= high)
+    return np.asarray(np.sqrt(power[inside].sum(axis=0) * frequency[1]))
+
+
+def test_covers_the_duration() -> None:
+    log = hand_shake(0.5, rate=210.0)
+    assert log.span[0] == 0.0
+    assert log.span[1] >= 0.5
+    assert log.rate == pytest.approx(210.0)
+    assert log.epoch_ns == 0
+
+
+def test_strength_is_a_factor_and_seeds_differ() -> None:
+    log = hand_shake(0.5, seed=1)
+    np.testing.assert_allclose(hand_shake(0.5, seed=1, strength=0.25).omega, 0.25 * log.omega, atol=1e-15)
+    assert not np.allclose(hand_shake(0.5, seed=2).omega, log.omega)
+    assert not hand_shake(0.5, strength=0.0).omega.any()
+
+
+def test_energy_lies_in_the_bands() -> None:
+    log = hand_shake(60.0, seed=0)
+    inside = sum(band_rms(log, low - 0.2, high + 0.2) ** 2 for low, high in BANDS)
+    # Welch's window leaks about a bin of 0.1 Hz; 98 % leaves room for it.
+    assert np.all(inside > 0.98 * band_rms(log, 0.0, 100.0) ** 2)
