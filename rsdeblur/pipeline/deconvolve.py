@@ -30,8 +30,9 @@ OF_MOTIONS = (
     *("translation", "softness", "refine", "fallback"),
 )
 # Side of the middle part of a picture that is solved for the check, px; how many sizes of the PSF it must have; and how
-# many times more must be left over to be clear: what is right leaves at most 1.2 times what is wrong.
-CHECKED, SIZES, CLEARLY = 320, 6, 1.5
+# many times more must be left over to be clear: what is right leaves at most 1.2 times what is wrong. Less than half a
+# step of 8 bits says nothing.
+CHECKED, SIZES, CLEARLY, LEAST = 320, 6, 1.5, 0.5 / 255
 # Share of a PSF that its floor may have: a Gaussian that is cut off at 2.7 standard deviations has 0.07.
 FLOOR = 0.1
 
@@ -159,8 +160,9 @@ def _remarks(encoded: EncodedImage, bank: PsfBank, options: Options) -> list[str
     options = replace(options, quality="balanced", prior=None, weight="auto", nsr="auto", noise="auto")
     options = replace(options, border="auto", max_memory=None, check=False, transfer=encoded.transfer)
     other: Transfer = "srgb" if encoded.transfer == "linear" else "linear"
-    own = _left(stored, part, options)
-    remarks = []
+    own, remarks = _left(stored, part, options), list[str]()
+    if own < LEAST:
+        return remarks
     if own > CLEARLY * _left(stored, part, replace(options, transfer=other)):
         remarks.append(
             f"the PSF fits the picture better with transfer {other}; published kernels often belong to stored values"
