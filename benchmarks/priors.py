@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -42,7 +42,8 @@ MODES: dict[str, dict[str, Any]] = {
     "rowwise": {"mode": "rowwise"},
 }
 # The fixed strengths: values of the NSR for the Wiener filter, of the weight for the others.
-LADDERS: dict[Prior, tuple[float, ...]] = {
+Ladders = dict[Prior, tuple[float, ...]]
+LADDERS: Ladders = {
     "wiener": (0.01, 0.03, 0.1, 0.3, 1.0),
     "gradient": (0.01, 0.03, 0.1, 0.3, 1.0),
     "tv": (0.001, 0.003, 0.01, 0.03, 0.1),
@@ -71,21 +72,27 @@ def main() -> None:
     drawn = simulated(count, noise=0.0, enlarged=enlarged)
     captures = list(track(drawn, "simulating", total=count or 14))
     situations = SITUATIONS[-1:] if options.quick else SITUATIONS
-    scores = run(captures, modes=not options.strengths_only, situations=situations)
+    ladders = {prior: ladder[:1] for prior, ladder in LADDERS.items()} if options.quick else LADDERS
+    scores = run(captures, modes=not options.strengths_only, situations=situations, ladders=ladders)
     report(noted(scores["markdown"]), options.markdown)
     if options.json:
         write(options.json, json.dumps({k: v for k, v in scores.items() if k != "markdown"}, indent=1))
 
 
 def run(
-    captures: Sequence[SimulatedCapture], *, modes: bool = True, situations: Sequence[tuple[int, bool]] = SITUATIONS
+    captures: Sequence[SimulatedCapture],
+    *,
+    modes: bool = True,
+    situations: Sequence[tuple[int, bool]] = SITUATIONS,
+    ladders: Ladders = LADDERS,
 ) -> dict[str, Any]:
     """Score everything on captures without noise and return scores and tables."""
     # Every solve uses one thread.
     with ProcessPoolExecutor(thread_count(None), multiprocessing.get_context("spawn")) as pool:
         results = _scored(pool, modes_scores, captures, "modes and priors") if modes else {}
-        strengths = _scored(pool, partial(strengths_scores, situations=situations), captures[::2], "strengths")
-    tables = [strengths_table(strengths), harm_table(strengths)]
+        score = partial(strengths_scores, situations=situations, ladders=ladders)
+        strengths = _scored(pool, score, captures[::2], "strengths")
+    tables = [strengths_table(strengths, ladders), harm_table(strengths)]
     if modes:
         tables.insert(0, modes_table(results))
     return {"modes": results, "strengths": strengths, "markdown": "\n\n".join(tables)}
@@ -111,26 +118,21 @@ def modes_scores(capture: SimulatedCapture) -> dict[str, tuple[float, float]]:
     return scores
 
 
-def strengths_scores(capture: SimulatedCapture, situations: Sequence[tuple[int, bool]]) -> dict[str, dict[str, float]]:
+def strengths_scores(
+    capture: SimulatedCapture, situations: Sequence[tuple[int, bool]], ladders: Ladders
+) -> dict[str, dict[str, float]]:
     """Return the PSNR of every prior at every strength in some situations."""
     rows = {}
     for decibels, wrong in situations:
         part = noisy(middle(capture), decibels)
         part = with_errors(part) if wrong else part
         row = {"blurred": quality(part.pictures.rolling, part.pictures.blurred)[0]}
-        for prior, strength in strengths():
+        for prior, strength in ((prior, each) for prior, ladder in ladders.items() for each in ("auto", *ladder)):
             kwargs: dict[str, Any] = {"prior": prior, "nsr" if prior == "wiener" else "weight": strength}
             image = deblur(part.pictures.blurred, *part.recording, saturation="ignore", threads=1, **kwargs).image
             row[f"{prior} {strength}"] = quality(part.pictures.rolling, image)[0]
         rows[f"{decibels} dB, {'wrong' if wrong else 'right'} model"] = row
     return rows
-
-
-def strengths() -> Iterator[tuple[Prior, Any]]:
-    """Yield every prior with every strength."""
-    for prior, ladder in LADDERS.items():
-        for strength in ("auto", *ladder):
-            yield prior, strength
 
 
 def middle(capture: SimulatedCapture, size: tuple[int, int] = MIDDLE) -> SimulatedCapture:
@@ -183,12 +185,12 @@ def modes_table(scores: dict[str, dict[str, tuple[float, float]]]) -> str:
     return "PSNR in dB, strengths automatic, noise 40 dB:\n\n" + markdown(["capture", *names], rows)
 
 
-def strengths_table(scores: dict[str, dict[str, dict[str, float]]]) -> str:
+def strengths_table(scores: dict[str, dict[str, dict[str, float]]], ladders: Ladders) -> str:
     """Compare the automatic strength, and the best one for each capture, with the best fixed strength."""
     rows = []
     for situation in next(iter(scores.values())):
         results = [row[situation] for row in scores.values()]
-        for prior, ladder in LADDERS.items():
+        for prior, ladder in ladders.items():
             table = np.array([[row[f"{prior} {strength}"] for strength in ladder] for row in results])
             best = table.mean(axis=0)
             auto = np.mean([row[f"{prior} auto"] for row in results])
