@@ -11,9 +11,9 @@ from benchmarks.captures import simulated
 from benchmarks.phone import from_phone
 from benchmarks.priors import jpeg, noisy
 from benchmarks.tables import markdown
-from rsdeblur.estimate.noise import measure_floors
 from rsdeblur.motion import Capture
 from rsdeblur.pipeline.tiles import few_psfs
+from rsdeblur.tuning.noise import measure_floors
 
 if __name__ == "__main__":
     shares = []

@@ -38,10 +38,10 @@ from rsdeblur import Camera, Exposure, GyroLog, PsfBank, from_linear, hand_shake
 from rsdeblur._util.threads import thread_count
 from rsdeblur.deconv import TileQuadratic
 from rsdeblur.deconv.wavelet import FACTORS, MIDDLE, OPPONENT, PENALTIES, FrameSum, add_up, features
-from rsdeblur.estimate import Tuning
 from rsdeblur.kernels.frame import GATES, HALO, LEVELS
 from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.pipeline.steps import LEAST_WAVELET_NSR
+from rsdeblur.tuning import Tuning
 from rsdeblur.types import FloatArray
 from tests.oracles.frame import terms as frame_terms
 

@@ -13,7 +13,8 @@ list::
     psf         PsfBank: kernels, drawn from paths or from elsewhere
     deconv      transforms, tiles, Wiener filter, priors, rowwise solver
     image       pixel encoding, tone curves, clipped highlights, light below black
-    estimate    noise, strengths, time offset, check of a result
+    tuning      noise of a picture, strengths of the regularisation
+    estimate    correction of a recording, time offset, check of a result
     calibration camera, clock and gyro's axes from clips or photos
     simulation  forward model, test scene, hand shake
     pipeline    deblur(), deconvolve() and plan(): from photo and motion to the sharp picture
@@ -29,7 +30,7 @@ list::
 `motion` imports nothing from `deconv`, and `deconv` knows neither gyro log nor camera nor exposure: it takes only
 :class:`BlurPaths` and :class:`PsfBank`.
 
-The names that most users need are those of `rsdeblur` itself. `motion`, `deconv`, `estimate`, `calibration`,
+The names that most users need are those of `rsdeblur` itself. `motion`, `deconv`, `tuning`, `estimate`, `calibration`,
 `pipeline`, `burst` and `simulation` have those of their parts and results, like `rsdeblur.motion.Capture`.
 """
 
@@ -49,5 +50,8 @@ import lazy_loader
 # Names are imported at their first use, so that `rsdeblur --help` and short scripts start at once.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 # `dir` lists the modules too; `from rsdeblur import *` leaves them out, as it would hide Python's `io`.
-_MODULES = ("calibration", "deconv", "errors", "estimate", "io", "motion", "pipeline", "plot", "report", "simulation")
+_MODULES = (
+    *("calibration", "deconv", "errors", "estimate", "io", "motion", "pipeline", "plot", "report", "simulation"),
+    "tuning",
+)
 __all__ = [*(name for name in __all__ if name not in _MODULES), "__version__"]

@@ -1,4 +1,4 @@
-from . import calibration, deconv, errors, estimate, io, motion, pipeline, plot, report, simulation
+from . import calibration, deconv, errors, estimate, io, motion, pipeline, plot, report, simulation, tuning
 from .burst.burst import deblur_burst as deblur_burst
 from .calibration.clip import calibrate as calibrate
 from .calibration.photos import calibrate_photos as calibrate_photos

@@ -51,7 +51,7 @@ def test_representations_are_one_short_line() -> None:
         *(LOG, CAMERA, EXPOSURE, capture, paths, BANK, result, result.check, rs.plan(LOG, CAMERA, EXPOSURE)),
         *(rs.Deconvolver(BANK, (36, 48)), deconv.TileQuadratic(BANK, (36, 48))),
         *(deconv.RowDeconvolver(paths, (36, 48)), deconv.RowBlur(paths, 48)),
-        *(rs.estimate.Tuning.of(image, BANK), rs.simulate(image, LOG, CAMERA, EXPOSURE)),
+        *(rs.tuning.Tuning.of(image, BANK), rs.simulate(image, LOG, CAMERA, EXPOSURE)),
         rs.Translation([0, 1], np.zeros((2, 3)), 1.0),
     ]
     for thing in things:

@@ -267,7 +267,7 @@ SEARCHES: list[tuple[str, Call]] = [
       for search in ((0.0, 0.001), (0.1, -0.1), (math.nan, 1.0))),
     ("64 px", lambda: rs.find_time_offset(GREY, LOG, CAMERA, EXPOSURE)),
     ("one exposure for each image", lambda: rs.find_time_offset([GREY] * 2, LOG, CAMERA, [EXPOSURE])),
-    *((words, partial(rs.estimate.Tuning.of, light, BANK)) for words, lights in (
+    *((words, partial(rs.tuning.Tuning.of, light, BANK)) for words, lights in (
         ("linear light as floats|real numbers", (GREY.astype(kind) for kind in (np.uint8, int, bool, complex, object))),
         ("image must be finite", [spoilt(math.nan)]),
         ("image must have shape", (np.zeros(shape, "f") for shape in ((7,), (0, 7), (1, 2, 3, 4)))),
@@ -395,7 +395,7 @@ CALLS: dict[str, Door] = {
     "forward: latent": BLUR.forward,
     "DerivativePrior: kind": lambda x: deconv.DerivativePrior(x, 0.1),
     "PlugAndPlayPrior: denoise": lambda x: deconv.PlugAndPlayPrior(x, 0.1),
-    "Tuning.of: light": lambda x: rs.estimate.Tuning.of(x, BANK),
+    "Tuning.of: light": lambda x: rs.tuning.Tuning.of(x, BANK),
     "Layer: opacity": lambda x: rs.simulation.Layer(PLAIN, x),
     "refine: image": lambda x: rs.refine(x, LOG, CAMERA, EXPOSURE),
     **options(rs.refine, (PLAIN, LOG, CAMERA, EXPOSURE), "translation uncertainty transfer known_axes progress"),

@@ -12,7 +12,6 @@ from rsdeblur._util.threads import share, share_map, thread_count
 from rsdeblur.burst.fit import FrameFit
 from rsdeblur.burst.frames import FIT_TILES, BurstFrame, reduced_bank
 from rsdeblur.choices import Auto
-from rsdeblur.estimate.strength import PATH_ERROR, BlurSpectra, Tuning
 from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.motion.alignment import Alignment
 from rsdeblur.motion.paths import Capture
@@ -21,6 +20,7 @@ from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import tuned_part
 from rsdeblur.pipeline.tiles import few_psfs
 from rsdeblur.psf import tile_centres
+from rsdeblur.tuning.strength import PATH_ERROR, BlurSpectra, Tuning
 
 # A frame whose mean weight over the reference's detail is less contributes nothing: its motion or its scene is another.
 LEAST_SUPPORT = 0.5

@@ -11,14 +11,14 @@ from scipy import ndimage
 
 from rsdeblur.burst.fit import FrameFit, fit_frame
 from rsdeblur.deconv.wiener import TileBlur
-from rsdeblur.estimate.noise import noise_level
-from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.kernels.resample import sample, to_spline
 from rsdeblur.motion.alignment import Alignment
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
+from rsdeblur.tuning.noise import noise_level
+from rsdeblur.tuning.strength import Tuning
 from rsdeblur.types import Float32Array, FloatArray, FloatImage
 
 # Longer side of the pictures that are compared, px, to within the rounding of a whole factor.

@@ -19,7 +19,6 @@ from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.chroma import Solve
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.deconv.wiener import TileBlur
-from rsdeblur.estimate.strength import KERNELS, BlurSpectra
 from rsdeblur.image.undershoot import UndershootMeter
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.pipeline.memory import LONGEST, least_memory
@@ -29,6 +28,7 @@ from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import solve_chunks, tuned_strengths
 from rsdeblur.pipeline.tiles import tile_errors, tile_paths
 from rsdeblur.psf import PsfBank, size_of, tile_centres
+from rsdeblur.tuning.strength import KERNELS, BlurSpectra
 from rsdeblur.types import FloatArray, FloatImage, StageProgress
 
 # Mean weight over a whole frame from which on it shows the same scene everywhere.

@@ -25,10 +25,10 @@ from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 
 from rsdeblur.calibration.matches import ClipMatches
-from rsdeblur.estimate.noise import MEDIAN
 from rsdeblur.motion import lens
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.track import OrientationTrack
+from rsdeblur.tuning.noise import MEDIAN
 from rsdeblur.types import FloatArray
 
 # s. Orientations are tabulated at this interval, and averaged over at least two of them.

@@ -49,7 +49,7 @@ class PlugAndPlayPrior:
         strips or chunks calls it once for each.
     weight : float
         Strength, from 1e-20 to 1e20: 0.23 times the variance of the picture's noise in linear light.
-        :attr:`rsdeblur.estimate.Tuning.denoiser_weight` derives it from a picture.
+        :attr:`rsdeblur.tuning.Tuning.denoiser_weight` derives it from a picture.
     peak : float, optional
         Value of the picture's bright parts, to which the first sigma is scaled; default that of the picture that is
         solved.

@@ -201,7 +201,7 @@ class DerivativePrior:
         `weight sum |grad u|^p` with p = 2 or 1, or `weight / 2 sum_k |D_k u|^exponent` over five derivatives of first
         and second order.
     weight : float
-        Weight of the penalty, from 1e-20 to 1e20: larger is smoother. :class:`rsdeblur.estimate.Tuning` derives one
+        Weight of the penalty, from 1e-20 to 1e20: larger is smoother. :class:`rsdeblur.tuning.Tuning` derives one
         from a picture.
     exponent : float, default 2/3
         Exponent of the hyper-Laplacian, in (0, 1].

@@ -7,7 +7,7 @@ learned once, by least squares over simulated pictures (``python -m benchmarks.t
 blur, while learned factors allow for errors like those in the training.
 
 The factors depend on two numbers: the weight of the gradient prior that suits the picture
-(:class:`rsdeblur.estimate.Tuning`), which grows with its noise and with the errors of the model, and the share that the
+(:class:`rsdeblur.tuning.Tuning`), which grows with its noise and with the errors of the model, and the share that the
 noise has in both. Between the weights of the training they are interpolated over its logarithm; in the share they are
 linear. Colour is turned into its mean and two differences, which have their own factors.
 
@@ -105,7 +105,7 @@ def features(weight: float, noise_share: float, knots: FloatArray) -> FloatArray
 
 @dataclass(frozen=True, slots=True)
 class WaveletPrior:
-    """The learned prior, with what it must know of a picture. :meth:`rsdeblur.estimate.Tuning.wavelet` makes one.
+    """The learned prior, with what it must know of a picture. :meth:`rsdeblur.tuning.Tuning.wavelet` makes one.
 
     `InputError` is raised if a field is out of its range.
     """

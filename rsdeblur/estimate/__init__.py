@@ -1,4 +1,4 @@
-"""Quantities estimated from the picture: noise, strengths, the clock offset, and whether to trust a result."""
+"""What a blurred picture says of its recording: corrections, the clock offset, and whether to trust a result."""
 
 import lazy_loader
 

@@ -1,6 +1,5 @@
 from .check import QualityCheck as QualityCheck
 from .refine import Refinement as Refinement
-from .strength import Tuning as Tuning
 from .time_offset import OffsetSearch as OffsetSearch
 
 __all__: list[str]

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
 from rsdeblur._util.threads import share, share_map
-from rsdeblur.estimate.noise import noise_level
-from rsdeblur.estimate.periodograms import DIRECTIONS, TILE, TilePeriodograms
 from rsdeblur.estimate.sharpness import SIDE, QuickSharpness
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
+from rsdeblur.tuning.noise import noise_level
+from rsdeblur.tuning.periodograms import DIRECTIONS, TILE, TilePeriodograms
 from rsdeblur.types import FloatArray
 
 # Largest lead that a tile counts for, nats. The edge of a door, say, looks like a straight blur beyond doubt.

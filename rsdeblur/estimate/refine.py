@@ -20,7 +20,6 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import Correction, Recording, Uncertainty, uncertainty_of
-from rsdeblur.estimate.periodograms import TILE
 from rsdeblur.estimate.regions import LEAST_GAIN, DriftByRegion
 from rsdeblur.estimate.rival_axes import AHEAD_OF_AXES, OTHER_AXES, rival_lead
 from rsdeblur.estimate.score import Corrected, Score
@@ -32,6 +31,7 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.translation import Translation
+from rsdeblur.tuning.periodograms import TILE
 from rsdeblur.types import FloatArray, Progress
 
 # Longer side to which larger pictures are reduced first, px: the smoothing that smaller sizes need would take long.

@@ -25,14 +25,14 @@ from rsdeblur._util.threads import share_map
 from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, DerivativePrior, brightness
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.periodograms import TILE, wrapped
 from rsdeblur.estimate.posterior import UNDESCRIBED
 from rsdeblur.estimate.spectra import LONGEST_BLUR, softness
-from rsdeblur.estimate.strength import PATH_ERROR, Tuning
 from rsdeblur.image.frame import upright
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.tuning.periodograms import TILE, wrapped
+from rsdeblur.tuning.strength import PATH_ERROR, Tuning
 from rsdeblur.types import ComplexArray, FloatArray, FloatImage
 
 # Longer side of the picture that is made sharp, px.

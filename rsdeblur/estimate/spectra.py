@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.periodograms import STIFFNESS, TILE, TilePeriodograms
 from rsdeblur.image.frame import upright
 from rsdeblur.kernels import whittle
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
+from rsdeblur.tuning.periodograms import STIFFNESS, TILE, TilePeriodograms
 from rsdeblur.types import FloatArray
 
 # Softness of photos that no motion explains, from lens, demosaicing and denoising: standard deviation, px of the

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.posterior import UNDESCRIBED
 from rsdeblur.estimate.sharpness import TILES
 from rsdeblur.estimate.spectra import LONGEST_BLUR, SOFTNESS
 from rsdeblur.image.frame import upright
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.tuning.noise import noise_level
 from rsdeblur.types import ComplexArray, FloatArray, FloatImage
 
 # Thickest trail, px; PSFs whose diagonal is no longer have no shape.

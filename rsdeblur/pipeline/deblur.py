@@ -104,7 +104,7 @@ def deblur(
         beside clipped light (:mod:`rsdeblur.image.clipping`).
     weight : float or "auto"
         Weight of the prior, from 1e-20 to 1e20: a larger weight gives a smoother picture. "auto" derives it from the
-        picture's noise and the blur (:mod:`rsdeblur.estimate.strength`).
+        picture's noise and the blur (:mod:`rsdeblur.tuning.strength`).
     exponent : float, default 2/3
         Exponent of the hyper-Laplacian, in (0, 1].
     nsr : float or "auto"

@@ -14,7 +14,6 @@ from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import LEAD, RINGING, TURN, Bounds, QualityCheck, assess
 from rsdeblur.estimate.motion_evidence import MotionEvidence
-from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.clipping import keep_colours_near_clipped
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import HighlightSplit, find_spots, lights, separate_highlights, small_spots
@@ -28,6 +27,7 @@ from rsdeblur.pipeline.solver import ChunkSolver, Strengths
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.tiles import Blur, few_psfs, highlight_bank
 from rsdeblur.psf import PsfBank
+from rsdeblur.tuning.strength import Tuning
 from rsdeblur.types import FloatArray, FloatImage
 
 # Number of pixels that automatic strengths are derived from: the middle rows of larger pictures are enough.

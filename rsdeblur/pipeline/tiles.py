@@ -10,11 +10,11 @@ import numpy as np
 from rsdeblur._util import validate
 from rsdeblur.choices import Count, Mode
 from rsdeblur.errors import InputError
-from rsdeblur.estimate.strength import KERNELS
 from rsdeblur.motion.arguments import check_reach
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.pipeline.options import Options
 from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.tuning.strength import KERNELS
 
 # Results are interpolated linearly between tiles. The number of tiles is such that paths interpolated linearly between
 # them are this close to the true ones, px. Where the errors of any tiles are larger, rows are solved one by one.

@@ -16,13 +16,14 @@ from rsdeblur.deconv import DerivativePrior, RowDeconvolver, TileQuadratic
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import LatentPrior
 from rsdeblur.deconv.wiener import TileBlur
-from rsdeblur.estimate import Refinement, Tuning
+from rsdeblur.estimate import Refinement
 from rsdeblur.estimate.correction import Correction
 from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.motion.alignment import Alignment, burst_captures
 from rsdeblur.psf import tile_centres
 from rsdeblur.simulation.clip import simulate_clip
 from rsdeblur.simulation.scene import scene
+from rsdeblur.tuning import Tuning
 
 CAMERA = Camera(160, 128, 180.0, readout_time=0.02)
 EXPOSURES = [Exposure(0.1, 1 / 20), Exposure(0.2, 1 / 25), Exposure(0.3, 1 / 20)]

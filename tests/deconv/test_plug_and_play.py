@@ -6,7 +6,7 @@ from rsdeblur import PsfBank, deconvolve, scene
 from rsdeblur.deconv import DerivativePrior, PlugAndPlayPrior, TileQuadratic
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.wavelet import WaveletPrior
-from rsdeblur.estimate import Tuning
+from rsdeblur.tuning import Tuning
 
 KERNEL = np.zeros((7, 9))
 KERNEL[[1, 2, 3, 4, 5], [1, 2, 4, 5, 7]] = 0.2

@@ -6,9 +6,9 @@ from scipy.ndimage import gaussian_filter
 
 from rsdeblur import Camera, Exposure, scene, simulate
 from rsdeblur.deconv import DerivativePrior, RowBlur, RowDeconvolver
-from rsdeblur.estimate.strength import LENS
 from rsdeblur.kernels.spread import interpolated
 from rsdeblur.motion import BlurPaths, Capture
+from rsdeblur.tuning.strength import LENS
 
 H, W = 40, 33
 

@@ -6,8 +6,8 @@ import scipy.fft
 from scipy import ndimage
 
 from rsdeblur.kernels import chroma, frame
-from rsdeblur.kernels.energy import halved_gradient_energy
 from rsdeblur.kernels.frame import HALO, LEVELS, WORK
+from rsdeblur.kernels.noise import halved_gradient_energy
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.kernels.resample import to_spline
 from rsdeblur.kernels.shrink import CHUNK, extrapolate

@@ -15,8 +15,8 @@ from numba.core.dispatcher import Dispatcher
 
 from rsdeblur import kernels
 from rsdeblur.kernels import native
-from rsdeblur.kernels.floors import TilePowers
 from rsdeblur.kernels.frame import WORK
+from rsdeblur.kernels.noise import TilePowers
 from rsdeblur.kernels.rowwise import LANES, RowModel
 from rsdeblur.kernels.whittle import Tiles
 from tests import oracles

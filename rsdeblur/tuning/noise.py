@@ -16,7 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from rsdeblur.estimate.periodograms import (
+from rsdeblur.kernels.noise import TilePowers, fit_floors, halved_gradient_energy
+from rsdeblur.kernels.shrink import gradient
+from rsdeblur.psf import PsfBank
+from rsdeblur.tuning.periodograms import (
     DIRECTION,
     DIRECTIONS,
     GRADIENT,
@@ -29,10 +32,6 @@ from rsdeblur.estimate.periodograms import (
     periodograms,
     power_of,
 )
-from rsdeblur.kernels.energy import halved_gradient_energy
-from rsdeblur.kernels.floors import TilePowers, fit_floors
-from rsdeblur.kernels.shrink import gradient
-from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray, FloatImage
 
 # Limits of the octaves, cycles/px: noise has a power of its own below the first, between both, and above, because

@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 from rsdeblur import PsfBank, from_linear, scene, to_linear
-from rsdeblur.estimate.noise import gradient_energy, measure_floors, noise_level, overall_noise
+from rsdeblur.tuning.noise import gradient_energy, measure_floors, noise_level, overall_noise
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ from scipy import fft
 from benchmarks.phone import phone_photo
 from rsdeblur import Deconvolver, PsfBank, scene, to_linear
 from rsdeblur.deconv import DerivativePrior, TileQuadratic
-from rsdeblur.estimate import Tuning
-from rsdeblur.estimate import strength as tuning
-from rsdeblur.estimate.noise import measure_floors
 from rsdeblur.motion import BlurPaths
+from rsdeblur.tuning import Tuning
+from rsdeblur.tuning import strength as tuning
+from rsdeblur.tuning.noise import measure_floors
 
 SIDE = 256
 
@@ -24,7 +24,7 @@ def kernel(size: tuple[int, int] = (9, 15), seed: int = 1) -> np.ndarray:
 
 @pytest.fixture(autouse=True)
 def no_lens(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rsdeblur.estimate.strength.LENS", 0.0)
+    monkeypatch.setattr("rsdeblur.tuning.strength.LENS", 0.0)
 
 
 @pytest.fixture

@@ -23,7 +23,8 @@ from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import KINDS, DerivativePrior
 from rsdeblur.deconv.wavelet import MOST_VARIANCE, Factors, WaveletPrior, frame_responses
-from rsdeblur.estimate.noise import (
+from rsdeblur.psf import PsfBank
+from rsdeblur.tuning.noise import (
     ASSUMED,
     OCTAVES,
     Floors,
@@ -33,7 +34,6 @@ from rsdeblur.estimate.noise import (
     noise_spectrum,
     overall_noise,
 )
-from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray, FloatImage
 
 # docs/benchmarks/quality.md has the measurements behind all constants.
@@ -163,7 +163,7 @@ class Tuning:
     >>> import rsdeblur
     >>> light = np.random.default_rng(0).random((64, 64))
     >>> bank = rsdeblur.PsfBank.for_picture(np.full((1, 5), 0.2), light.shape)
-    >>> tuning = rsdeblur.estimate.Tuning.of(light, bank, noise=0.01)
+    >>> tuning = rsdeblur.tuning.Tuning.of(light, bank, noise=0.01)
     >>> tuning.weight("tv", 1.0) > 0, tuning.octave_noise
     (True, (0.01, 0.01, 0.01))
     """

@@ -1,0 +1,3 @@
+from .strength import Tuning as Tuning
+
+__all__: list[str]
