@@ -96,9 +96,11 @@ def _places(paths: Iterable[Path]) -> set[tuple[int, ...]]:
 
 
 def _session(folder: Path, defaults: Recording, output: Path) -> Iterator[Item]:
-    if defaults.start == "exif":
-        files = rs.files_in(folder, without=output)
+    files = rs.files_in(folder, without=output)
+    if defaults.start == "exif" or (defaults.capture is None and not rs.has_captures(files)):
+        # The photos of a camera app, beside a log: their EXIF blocks give what is missing.
         gyro, camera = defaults.gyro or rs.gyro_log_in(folder, files), defaults.camera or rs.camera_in(files)
+        defaults = replace(defaults, start="exif")
         for path in rs.photos_in(folder, files):
             yield _item(path, result_name(path.relative_to(folder)), {"gyro": gyro, "camera": camera}, defaults)
         return

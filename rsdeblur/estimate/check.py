@@ -48,9 +48,9 @@ TURN = Bounds(0.01, 0.05, clear=-0.03)
 # Detail below which a result has lost what the blur left, see :class:`QualityCheck`. Better results have more than 0.68
 # with the Wiener filter and 1.3 with other priors, at noise of 40 to 22 dB; fog has less.
 LEAST_DETAIL = 0.65
-# Gain, nats, from which a change of the focal length that refinement refused makes a result doubtful, and the least
-# change; and the change from which an accepted one does. Logarithms of factors.
-REFUSED_GAIN, REFUSED_SCALE, LARGE_SCALE = 10.0, 0.1, 0.223
+# Gain, nats, and standard deviations from which a change of the focal length that refinement refused makes a result
+# doubtful; and the change, as the logarithm of a factor, from which an accepted one does.
+REFUSED_GAIN, REFUSED_DEVIATIONS, LARGE_SCALE = 10.0, 3.0, 0.223
 
 # If the motion is too small, too little blur is removed, which does little harm. And the edges of man-made things look
 # like a straight blur. Smaller motions leave fewer waves, larger ones more.
@@ -197,7 +197,8 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
 def doubted_by(refinement: Refinement, check: QualityCheck) -> QualityCheck:
     """Return `check` of a result with a refined recording; what refinement says of the focal length may be doubtful."""
     scale = refinement.values.scale
-    refused = not refinement.accepted and refinement.gain >= REFUSED_GAIN and abs(scale) >= REFUSED_SCALE
+    clear = refinement.gain >= REFUSED_GAIN and abs(scale) > REFUSED_DEVIATIONS * refinement.sd.scale
+    refused = clear and not refinement.accepted
     large = refinement.accepted and abs(scale) > LARGE_SCALE
     if check.verdict not in ("good", "cannot tell") or not (refused or large):
         return check

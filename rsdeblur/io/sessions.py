@@ -127,6 +127,15 @@ def _captures(folder: Path, files: list[Path]) -> tuple[Path, CaptureFile]:
     return min(candidates, key=lambda pair: (None in pair[1].durations, "timestamps" not in pair[0].name.lower()))
 
 
+def has_captures(files: list[Path]) -> bool:
+    """Return whether one of the files of a folder is a capture file."""
+    for path in _tables(files):
+        with suppress(FileFormatError):
+            open_captures(path)
+            return True
+    return False
+
+
 def encoded_timestamps(capture: Path) -> list[int] | None:
     """Return the timestamps of MARS logger's video frames, ns, perhaps fewer than captures; None without a list."""
     path = capture.with_name("frame_timestamps.txt")

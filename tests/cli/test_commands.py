@@ -293,3 +293,12 @@ def test_times_from_exif(run: Run, files: Files, tmp_path: Path, monkeypatch: py
     exif.get_ifd(0x8769)[0xA405] = 40
     Image.open(files.photo).save(photo, exif=exif, quality=98)
     assert "The exposure began 0.500 s before the time in EXIF." in run(*alone).stdout
+    # A folder with a log and such photos is a session, too.
+    session = tmp_path / "session"
+    session.mkdir()
+    log.rename(session / log.name)
+    photo.rename(session / photo.name)
+    found = run("triage", session, "--camera", files.camera, "--json")
+    # The moment in EXIF is beyond the log, which names what is missing.
+    (item,) = json.loads(found.stdout)["items"]
+    assert (Path(item["photo"]).name, "misses" in item["reason"]) == (photo.name, True)

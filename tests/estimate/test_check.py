@@ -73,12 +73,12 @@ def test_fog_is_not_good(capture, weight):
         (True, 30.0, 0.7, "doubtful"),
         (False, 30.0, 1.2, "doubtful"),
         (False, 3.0, 1.2, "good"),
-        (False, 30.0, 1.0, "good"),
+        (False, 30.0, 1.1, "good"),
     ],
 )
 def test_a_focal_length_in_doubt_makes_a_result_doubtful(restored, accepted, gain, factor, verdict):
-    values = Correction(scale=float(np.log(factor)))
-    found = Refinement(*RECORDING, None, accepted, "", values, Correction(), 0.5, gain, 0.02)
+    values, sd = Correction(scale=float(np.log(factor))), Correction(scale=0.04)
+    found = Refinement(*RECORDING, None, accepted, "", values, sd, 0.5, gain, 0.02)
     check = doubted_by(found, restored(right=True).check)
     assert check.verdict == verdict
     assert bool(check.reasons) == (verdict == "doubtful")
