@@ -16,6 +16,7 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Verdict
 from rsdeblur.estimate.motion_evidence import SIZES, MotionEvidence
 from rsdeblur.estimate.refine import Refinement
+from rsdeblur.estimate.rival_axes import OTHER_AXES
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.undershoot import UndershootMeter
 
@@ -195,12 +196,15 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
 
 
 def doubted_by(refinement: Refinement, check: QualityCheck) -> QualityCheck:
-    """Return `check` of a result with a refined recording; what refinement says of the focal length may be doubtful."""
-    scale = refinement.values.scale
+    """Return `check` of a result with a refined recording, doubtful where refinement doubts focal length or axes."""
+    scale, accepted = refinement.values.scale, refinement.accepted
     clear = refinement.gain >= REFUSED_GAIN and abs(scale) > REFUSED_DEVIATIONS * refinement.sd.scale
-    refused = clear and not refinement.accepted
-    large = refinement.accepted and abs(scale) > LARGE_SCALE
-    if check.verdict not in ("good", "cannot tell") or not (refused or large):
+    if refinement.reason == OTHER_AXES:
+        reason = f"The axes may be wrong: {OTHER_AXES}"
+    elif abs(scale) > LARGE_SCALE if accepted else clear:
+        factor = f"The focal length may be wrong: the picture asks for {np.exp(scale):.2f} times the given one"
+        reason = f"{factor}{'' if accepted else ', but not surely'}."
+    else:
         return check
-    factor = f"The focal length may be wrong: the picture asks for {np.exp(scale):.2f} times the given one"
-    return replace(check, verdict="doubtful", reasons=(*check.reasons, f"{factor}{', but not surely' * refused}."))
+    verdict: Verdict = "doubtful" if check.verdict in ("good", "cannot tell") else check.verdict
+    return replace(check, verdict=verdict, reasons=(*check.reasons, reason))

@@ -1,7 +1,5 @@
 """Laws of the local server: who may ask, what for, and how much."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import re

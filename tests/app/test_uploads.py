@@ -1,7 +1,5 @@
 """Laws of the app's temporary folder, and of the line that is copied into a terminal."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

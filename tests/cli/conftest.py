@@ -1,7 +1,5 @@
 """A small capture as files in a folder, and functions that run commands on it."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

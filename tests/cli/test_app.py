@@ -1,7 +1,5 @@
 """The local page: its forms, its saved pictures, and the page itself in a browser."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import signal

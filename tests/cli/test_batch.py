@@ -1,7 +1,5 @@
 """`rsdeblur batch`: good and bad items, resuming, killed workers, interrupts, clusters, session folders."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """`rsdeblur burst`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`rsdeblur calibrate`: photos and videos give a camera file, and what cannot be trusted is refused."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

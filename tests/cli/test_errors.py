@@ -1,7 +1,5 @@
 """Bad input: exit code 1 or 2, one line on stderr that names the file, no traceback, nothing written."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The correction of the recording by the picture, and gravity, which shows wrong axes."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`rsdeblur video`: frames get sharper, and everything else is kept."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

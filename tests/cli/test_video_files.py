@@ -1,7 +1,5 @@
 """Files of videos: strangers' names and content, and what containers and encoders take."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable

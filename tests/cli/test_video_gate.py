@@ -1,7 +1,5 @@
 """`rsdeblur video` by default: only blurred frames change, and motion data stay."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from fractions import Fraction

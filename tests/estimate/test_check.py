@@ -10,6 +10,7 @@ from skimage.metrics import peak_signal_noise_ratio
 from rsdeblur import Camera, Correction, Exposure, InputError, deblur, hand_shake, scene, simulate
 from rsdeblur.estimate import Refinement
 from rsdeblur.estimate.check import doubted_by
+from rsdeblur.estimate.rival_axes import OTHER_AXES
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.pipeline.steps import fall_back
 
@@ -82,6 +83,8 @@ def test_a_focal_length_in_doubt_makes_a_result_doubtful(restored, accepted, gai
     check = doubted_by(found, restored(right=True).check)
     assert check.verdict == verdict
     assert bool(check.reasons) == (verdict == "doubtful")
+    # Where other axes explain as much, nothing is good.
+    assert doubted_by(replace(found, reason=OTHER_AXES), restored(right=True).check).verdict == "doubtful"
 
 
 def test_half_a_turn_is_found_though_spectra_are_the_same():
