@@ -12,6 +12,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from rsdeblur._util.atomic import check_target
 from rsdeblur.choices import Mode
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._inputs import (
@@ -25,7 +26,7 @@ from rsdeblur.cli._inputs import (
     with_offset,
 )
 from rsdeblur.cli._log import Gravity
-from rsdeblur.cli._options import ONE_PHOTO, Recording, flag, require
+from rsdeblur.cli._options import ONE_PHOTO, Recording, flag, refuse_given, require
 from rsdeblur.cli._output import LOG, prepare_folder
 from rsdeblur.pipeline.options import BLUR, Options
 
@@ -115,6 +116,7 @@ class PhotoJob:
     options: Options
     output: Path
     psf: Path | None = None
+    save_camera: Path | None = None
     force: bool = False
     dry_run: bool = False
     make_folder: bool = False
@@ -140,7 +142,10 @@ def deblur_photo(job: PhotoJob, move: rs.Progress | None = None) -> dict[str, An
     """Deblur and write one photo, or only read and check its files, and return the facts to report."""
     _prepare_result(job)
     if job.psf is not None:
+        refuse_given("is for a camera, which --psf does without", save_camera=job.save_camera)
         return _deconvolve(job, job.psf, move)
+    if job.save_camera is not None:
+        check_target(job.save_camera, force=job.force)
     ready = prepare(job.photo, job.recording, job.options, refine_anyway=job.refine_anyway)
     if job.dry_run:
         with ready.naming:
@@ -151,7 +156,13 @@ def deblur_photo(job: PhotoJob, move: rs.Progress | None = None) -> dict[str, An
 
     def solve(out: Any) -> rs.DeblurResult:
         with ready.naming:
-            return ready.plan(move).apply(ready.inputs.picture.pixels, out=out, progress=move)
+            result = ready.plan(move).apply(ready.inputs.picture.pixels, out=out, progress=move)
+        if job.save_camera is not None:
+            camera = ready.inputs.camera if result.refinement is None else result.refinement.camera
+            # How far EXIF is from the moment belongs to the photo.
+            offset = {"time_offset": 0.0} if ready.recording.start == "exif" else {}
+            replace(camera, **offset).save(job.save_camera)
+        return result
 
     facts = _written(job, ready.inputs.picture, solve)
     return facts | moment_facts(job.recording, ready.inputs)

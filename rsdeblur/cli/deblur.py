@@ -45,6 +45,13 @@ def default_output(photos: tuple[Path, ...], **_: Any) -> Path:
     metavar="KERNEL",
     help="The blur as a kernel (picture, .npy) or PSF bank.",
 )
+@option(
+    "--save-camera",
+    section=RECORDING,
+    type=PATH,
+    metavar="FILE",
+    help="Write the camera as it was used, with what EXIF, gravity and the picture gave.",
+)
 @_options.solve_options(*(name for name in _options.SOLVE if name != "refine"))
 @_options.refine_option
 @_options.target_options(
@@ -57,6 +64,7 @@ def default_output(photos: tuple[Path, ...], **_: Any) -> Path:
 def command(
     photos: tuple[Path, ...],
     psf: Path | None,
+    save_camera: Path | None,
     recording: Recording,
     options: Options,
     refine: bool | None,
@@ -68,8 +76,7 @@ def command(
     kept. Several photos are handled as by `rsdeblur batch`.
     """
     if len(photos) > 1:
-        if psf is not None:
-            raise click.UsageError("--psf is for one photo; give one at a time")
+        refuse_given("is for one photo; give one at a time", psf=psf, save_camera=save_camera)
         return batch.run(photos, recording, options, refine, target)
     refuse_given("is for several photos", numbered_from=recording.numbered_from)
     (photo,) = photos
@@ -88,6 +95,7 @@ def command(
         options=options,
         output=output,
         psf=psf,
+        save_camera=save_camera,
         force=target.force,
         dry_run=target.dry_run,
         make_folder=into_folder,

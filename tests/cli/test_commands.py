@@ -16,7 +16,7 @@ from PIL import Image
 
 from rsdeblur import deconvolve
 from rsdeblur.estimate.time_offset import OffsetSearch
-from rsdeblur.io import open_gyro, read_picture
+from rsdeblur.io import open_gyro, read_camera, read_picture
 from rsdeblur.psf import PsfBank
 
 if TYPE_CHECKING:
@@ -292,7 +292,12 @@ def test_times_from_exif(run: Run, files: Files, tmp_path: Path, monkeypatch: py
     assert "give a camera file" in run(*alone).stderr
     exif.get_ifd(0x8769)[0xA405] = 40
     Image.open(files.photo).save(photo, exif=exif, quality=98)
-    assert "The exposure began 0.500 s before the time in EXIF." in run(*alone).stdout
+    saved = tmp_path / "saved.toml"
+    assert "The exposure began 0.500 s before the time in EXIF." in run(*alone, "--save-camera", saved).stdout
+    # How far EXIF is from the moment belongs to the photo, the guess of the readout to the camera.
+    camera = read_camera(saved)
+    assert (camera.time_offset, camera.readout_sd) == (0.0, 0.01)
+    assert "exists" in run(*alone, "--save-camera", saved).stderr
     # A folder with a log and such photos is a session, too.
     session = tmp_path / "session"
     session.mkdir()
