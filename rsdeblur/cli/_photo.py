@@ -160,8 +160,8 @@ def deblur_photo(job: PhotoJob, move: rs.Progress | None = None) -> dict[str, An
         if job.save_camera is not None:
             camera = ready.inputs.camera if result.refinement is None else result.refinement.camera
             # How far EXIF is from the moment belongs to the photo.
-            offset = {"time_offset": 0.0} if ready.recording.start == "exif" else {}
-            replace(camera, **offset).save(job.save_camera)
+            camera = replace(camera, time_offset=0.0) if ready.recording.start == "exif" else camera
+            camera.save(job.save_camera)
         return result
 
     facts = _written(job, ready.inputs.picture, solve)

@@ -14,7 +14,7 @@ import pytest
 from click.testing import Result
 from PIL import Image
 
-from rsdeblur import deconvolve
+from rsdeblur import RsdeblurWarning, deconvolve
 from rsdeblur.estimate.time_offset import OffsetSearch
 from rsdeblur.io import open_gyro, read_camera, read_picture
 from rsdeblur.psf import PsfBank
@@ -295,7 +295,8 @@ def test_times_from_exif(run: Run, files: Files, tmp_path: Path, monkeypatch: py
     saved = tmp_path / "saved.toml"
     assert "The exposure began 0.500 s before the time in EXIF." in run(*alone, "--save-camera", saved).stdout
     # How far EXIF is from the moment belongs to the photo, the guess of the readout to the camera.
-    camera = read_camera(saved)
+    with pytest.warns(RsdeblurWarning, match="readout time is unknown"):
+        camera = read_camera(saved)
     assert (camera.time_offset, camera.readout_sd) == (0.0, 0.01)
     assert "exists" in run(*alone, "--save-camera", saved).stderr
     # A folder with a log and such photos is a session, too.
@@ -303,7 +304,7 @@ def test_times_from_exif(run: Run, files: Files, tmp_path: Path, monkeypatch: py
     session.mkdir()
     log.rename(session / log.name)
     photo.rename(session / photo.name)
-    found = run("triage", session, "--camera", files.camera, "--json")
+    listed = run("triage", session, "--camera", files.camera, "--json")
     # The moment in EXIF is beyond the log, which names what is missing.
-    (item,) = json.loads(found.stdout)["items"]
+    (item,) = json.loads(listed.stdout)["items"]
     assert (Path(item["photo"]).name, "misses" in item["reason"]) == (photo.name, True)
