@@ -5,12 +5,15 @@ from __future__ import annotations
 import signal
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import rsdeblur
 from rsdeblur import Camera, Exposure, InputError, PsfBank, deblur
-from rsdeblur._util.threads import ThreadTeam, beside, share
+from rsdeblur._util.once import once
+from rsdeblur._util.threads import ThreadTeam, beside, share, share_map
 from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.simulation.shake import hand_shake
 
@@ -108,3 +111,20 @@ def test_one_thread_is_the_callers(mode: str, prior: str, no_new_threads: None) 
     deblur(picture, *capture, mode=mode, prior=prior, saturation="always", threads=1)
     paths = BlurPaths.every_row(Capture.from_log(*capture), [20.0])
     PsfBank.from_paths(paths, threads=1)
+
+
+def test_attributes_computed_once_hold_no_lock_that_a_fork_could_find_taken() -> None:
+    both = threading.Barrier(2, timeout=30)
+
+    class Kept:
+        @property
+        @once
+        def value(self) -> object:
+            both.wait()  # breaks unless two objects are computed at the same time
+            return object()
+
+    objects = [Kept(), Kept()]
+    first, second = share_map(lambda kept: kept.value, objects, 2)
+    assert (first, second) == tuple(kept.value for kept in objects)
+    sources = Path(rsdeblur.__file__).parent.rglob("*.py")
+    assert not [path for path in sources if "import cached_property" in path.read_text(encoding="utf-8")]
