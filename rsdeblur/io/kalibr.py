@@ -1,7 +1,8 @@
-"""Cameras of calibration tools: Kalibr's chains, EuRoC's sensor files and maplab's camera systems, all in YAML."""
+"""Cameras of calibration tools: YAML of Kalibr, EuRoC, maplab and VINS-Fusion, and DSO's `camera.txt`."""
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any
 
@@ -23,8 +24,15 @@ MODELS: dict[str, Distortion] = {
     "kannala_brandt4": "fisheye",
     "none": "none",
 }
-# Names of the transformation from IMU to camera axes, and of its inverse: Kalibr, ADVIO; OpenVINS, EuRoC, maplab.
-FORWARD, INVERSE = ("T_cam_imu", "T_C_B"), ("T_imu_cam", "T_ic", "T_BS", "T_B_C", "body_T_cam0")
+# Names of the transformation from IMU to camera axes, and of its inverse: Kalibr, ADVIO; OpenVINS, EuRoC, maplab, VINS.
+FORWARD, INVERSE = ("T_cam_imu", "T_C_B"), ("T_imu_cam", "T_ic", "T_BS", "T_B_C", "body_T_cam0", "extrinsicRotation")
+# Keys of VINS-Fusion's cameras; its k2 is the first coefficient of the angle's third power.
+PINHOLE, RADTAN, KANNALA_BRANDT = ("fx", "fy", "cx", "cy"), ("k1", "k2", "p1", "p2"), ("k2", "k3", "k4", "k5")
+# The first three lines of DSO's files: a lens, the size of its pictures, and how they are rectified.
+DSO = re.compile(
+    r"\s*([a-z]*)\s*((?:[-+.\de]+[ \t]+){4,7}[-+.\de]+)\s*\n\s*(\d+)[ \t]+(\d+)\s*\n\s*(?:crop|full|none|[-.\d]+ )",
+    re.I,
+)
 # Bounds in characters and in values; calibrations have a few thousand and a few hundred.
 LONGEST, MOST_VALUES = 100_000, 10_000
 
@@ -33,7 +41,7 @@ def sniff(source: Source) -> bool:
     """Whether the file is YAML of one of these tools."""
     if not source.looks_like_text or source.looks_like_json:
         return False
-    keys = r"^[ \t]*(-[ \t]*)?(cam\d+|cameras|camera_model|T_cam_imu)\s*:"
+    keys = r"^[ \t]*(-[ \t]*)?(cam\d+|cam0_calib|cameras|camera_model|model_type|T_cam_imu)\s*:"
     return re.search(keys, source.text.start, re.MULTILINE) is not None
 
 
@@ -89,6 +97,11 @@ def _cameras(source: Source, content: Any) -> dict[str, dict[str, Any]]:
     cameras: dict[str, dict[str, Any]] = {}
     if isinstance(content, dict) and "camera_model" in content:
         cameras = {"cam0": content}
+    elif isinstance(content, dict) and "cam0_calib" in content:
+        raise source.error(f"the camera is in another file: give {content['cam0_calib']}")
+    elif isinstance(content, dict) and "model_type" in content:
+        with source.parsing("cam0"):
+            cameras = {"cam0": content | _of_vins(content)}
     elif isinstance(content, dict) and isinstance(content.get("cameras"), list):
         for i, entry in enumerate(content["cameras"]):
             if isinstance(entry, dict):
@@ -115,6 +128,22 @@ def _of_maplab(entry: dict[str, Any]) -> dict[str, Any]:
     return renamed | {key: entry[key] for key in (*FORWARD, *INVERSE, "timeshift_cam_imu") if key in entry}
 
 
+def _of_vins(entry: dict[str, Any]) -> dict[str, Any]:
+    model, projection = str(entry["model_type"]), entry["projection_parameters"]
+    is_fisheye = model == "KANNALA_BRANDT"
+    distortion = projection if is_fisheye else entry.get("distortion_parameters") or {}
+    readout_time = float(entry.get("rolling_shutter_tr") or 0.0) if entry.get("rolling_shutter") else 0.0
+    return {
+        "camera_model": "pinhole" if is_fisheye or model == "PINHOLE" else model,
+        "intrinsics": [projection.get(key) for key in (("mu", "mv", "u0", "v0") if is_fisheye else PINHOLE)],
+        "resolution": [entry["image_width"], entry["image_height"]],
+        "distortion_model": "equi" if is_fisheye else "radtan",
+        "distortion_coeffs": [distortion.get(key, 0.0) for key in (KANNALA_BRANDT if is_fisheye else RADTAN)],
+        "line_delay": readout_time / float(entry["image_height"]),
+        "timeshift_cam_imu": entry.get("td"),
+    }
+
+
 def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]) -> dict[str, Any]:
     model = str(entry.get("camera_model", "pinhole"))
     if not model.startswith("pinhole"):
@@ -134,7 +163,7 @@ def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]
         )
     coefficients = entry.get("distortion_coeffs", entry.get("distortion_coefficients", []))
     delay = float(entry.get("line_delay") or 0.0)
-    if delay == 0:
+    if delay == 0 and "rolling_shutter" not in entry:
         text = "the file has no line delay: a global shutter is assumed; give the readout time if the shutter rolls"
         assumptions.append(Assumption("readout_time", text))
     return {
@@ -173,3 +202,31 @@ def _numbers(value: Any) -> list[float]:
     if isinstance(value, list):
         return [number for item in value for number in (_numbers(item) if isinstance(item, list) else [float(item)])]
     raise ValueError(f"{value!r} is not a list of numbers")
+
+
+def sniff_dso(source: Source) -> bool:
+    """Whether the file is DSO's."""
+    return source.looks_like_text and DSO.match(source.text.start) is not None
+
+
+def read_dso(source: Source, request: Request) -> CameraFile:
+    """Read the camera of the pictures before DSO rectifies them."""
+    if not sniff_dso(source) or (match := DSO.match(source.text.start)) is None:
+        raise source.error("not DSO's camera.txt: fx fy cx cy and the distortion, then the size, then crop or full")
+    name, (width, height) = match[1].lower(), map(int, match.groups()[2:])
+    with source.parsing("the camera"):
+        fx, fy, cx, cy, *k = map(float, match[2].split())
+        if max(cx, cy) < 1:
+            fx, fy, cx, cy = fx * width, fy * height, cx * width - 0.5, cy * height - 0.5
+        model: Distortion = "fisheye" if len(k) == 1 or name in ("equidistant", "kannalabrandt") else "radtan"
+        if len(k) == 1 and k[0]:
+            # Devernay's FOV lens is a fisheye whose polynomial is fitted up to the corners.
+            wide, edge = 2 * math.tan(k[0] / 2), k[0] * math.hypot(width / fx, height / fy) / 2
+            angles = np.linspace(0, math.atan(math.tan(min(edge, 1.5)) / wide), 200)[1:]
+            bent = np.arctan(wide * np.tan(angles)) / k[0] / angles
+            scale, *k = np.linalg.lstsq(angles[:, None] ** [0, 2, 4, 6, 8], bent, rcond=None)[0].tolist()
+            fx, fy, k = scale * fx, scale * fy, [value / scale for value in k]
+    assumed = [Assumption("imu_to_camera", "the file has no axes of the IMU: those of the camera are assumed")]
+    fields: dict[str, Any] = {"size": (width, height), "focal_length": (fx, fy), "principal_point": (cx, cy)}
+    fields |= {"distortion_model": model, "distortion": k} if any(k) else {}
+    return finished(source, request, "dso", assumed, {}, readout_time=None, imu_to_camera=np.eye(3), **fields)
