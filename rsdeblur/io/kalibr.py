@@ -13,6 +13,7 @@ from rsdeblur.choices import Distortion
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished
 from rsdeblur.io.source import Source
+from rsdeblur.motion import lens
 from rsdeblur.types import FloatArray
 
 MODELS: dict[str, Distortion] = {
@@ -26,8 +27,6 @@ MODELS: dict[str, Distortion] = {
 }
 # Names of the transformation from IMU to camera axes, and of its inverse: Kalibr, ADVIO; OpenVINS, EuRoC, maplab, VINS.
 FORWARD, INVERSE = ("T_cam_imu", "T_C_B"), ("T_imu_cam", "T_ic", "T_BS", "T_B_C", "body_T_cam0", "extrinsicRotation")
-# Keys of VINS-Fusion's cameras; its k2 is the first coefficient of the angle's third power.
-PINHOLE, RADTAN, KANNALA_BRANDT = ("fx", "fy", "cx", "cy"), ("k1", "k2", "p1", "p2"), ("k2", "k3", "k4", "k5")
 # The first three lines of DSO's files: a lens, the size of its pictures, and how they are rectified.
 DSO = re.compile(
     r"\s*([a-z]*)\s*((?:[-+.\de]+[ \t]+){4,7}[-+.\de]+)\s*\n\s*(\d+)[ \t]+(\d+)\s*\n\s*(?:crop|full|none|[-.\d]+ )",
@@ -130,16 +129,18 @@ def _of_maplab(entry: dict[str, Any]) -> dict[str, Any]:
 
 def _of_vins(entry: dict[str, Any]) -> dict[str, Any]:
     model, projection = str(entry["model_type"]), entry["projection_parameters"]
-    is_fisheye = model == "KANNALA_BRANDT"
-    distortion = projection if is_fisheye else entry.get("distortion_parameters") or {}
-    readout_time = float(entry.get("rolling_shutter_tr") or 0.0) if entry.get("rolling_shutter") else 0.0
+    keys, kind = "fx fy cx cy k1 k2 p1 p2", "radtan"
+    if model == "KANNALA_BRANDT":  # Its k2 is the factor of the angle's third power.
+        model, keys, kind = "PINHOLE", "mu mv u0 v0 k2 k3 k4 k5", "equidistant"
+    values = projection | (entry.get("distortion_parameters") or {})
+    readout_time = entry.get("rolling_shutter") and entry.get("rolling_shutter_tr")
     return {
-        "camera_model": "pinhole" if is_fisheye or model == "PINHOLE" else model,
-        "intrinsics": [projection.get(key) for key in (("mu", "mv", "u0", "v0") if is_fisheye else PINHOLE)],
+        "camera_model": model.lower(),
+        "intrinsics": [values.get(key) for key in keys.split()[:4]],
         "resolution": [entry["image_width"], entry["image_height"]],
-        "distortion_model": "equi" if is_fisheye else "radtan",
-        "distortion_coeffs": [distortion.get(key, 0.0) for key in (KANNALA_BRANDT if is_fisheye else RADTAN)],
-        "line_delay": readout_time / float(entry["image_height"]),
+        "distortion_model": kind,
+        "distortion_coeffs": [values.get(key, 0.0) for key in keys.split()[4:]],
+        "line_delay": float(readout_time or 0.0) / float(entry["image_height"]),
         "timeshift_cam_imu": entry.get("td"),
     }
 
@@ -211,22 +212,19 @@ def sniff_dso(source: Source) -> bool:
 
 def read_dso(source: Source, request: Request) -> CameraFile:
     """Read the camera of the pictures before DSO rectifies them."""
-    if not sniff_dso(source) or (match := DSO.match(source.text.start)) is None:
+    if (match := DSO.match(source.text.start)) is None:
         raise source.error("not DSO's camera.txt: fx fy cx cy and the distortion, then the size, then crop or full")
-    name, (width, height) = match[1].lower(), map(int, match.groups()[2:])
+    name, lens_text, *size = match.groups()
     with source.parsing("the camera"):
-        fx, fy, cx, cy, *k = map(float, match[2].split())
+        width, height, fx, fy, cx, cy, *k = map(float, (*size, *lens_text.split()))
         if max(cx, cy) < 1:
             fx, fy, cx, cy = fx * width, fy * height, cx * width - 0.5, cy * height - 0.5
-        model: Distortion = "fisheye" if len(k) == 1 or name in ("equidistant", "kannalabrandt") else "radtan"
+        model: Distortion = "fisheye" if name.lower() in ("equidistant", "kannalabrandt") else "radtan"
         if len(k) == 1 and k[0]:
-            # Devernay's FOV lens is a fisheye whose polynomial is fitted up to the corners.
-            wide, edge = 2 * math.tan(k[0] / 2), k[0] * math.hypot(width / fx, height / fy) / 2
-            angles = np.linspace(0, math.atan(math.tan(min(edge, 1.5)) / wide), 200)[1:]
-            bent = np.arctan(wide * np.tan(angles)) / k[0] / angles
-            scale, *k = np.linalg.lstsq(angles[:, None] ** [0, 2, 4, 6, 8], bent, rcond=None)[0].tolist()
-            fx, fy, k = scale * fx, scale * fy, [value / scale for value in k]
-    assumed = [Assumption("imu_to_camera", "the file has no axes of the IMU: those of the camera are assumed")]
-    fields: dict[str, Any] = {"size": (width, height), "focal_length": (fx, fy), "principal_point": (cx, cy)}
+            model, (scale, *k) = "fisheye", lens.fisheye_of_fov(k[0], math.hypot(width / fx, height / fy) / 2)
+            fx, fy = scale * fx, scale * fy
+    fields: dict[str, Any] = {"size": (int(width), int(height)), "focal_length": (fx, fy), "principal_point": (cx, cy)}
     fields |= {"distortion_model": model, "distortion": k} if any(k) else {}
-    return finished(source, request, "dso", assumed, {}, readout_time=None, imu_to_camera=np.eye(3), **fields)
+    assumptions: list[Assumption] = []
+    axes = _imu_to_camera({}, assumptions)
+    return finished(source, request, "dso", assumptions, {}, readout_time=None, imu_to_camera=axes, **fields)
