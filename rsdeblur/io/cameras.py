@@ -193,10 +193,8 @@ MARS = {
 
 
 def _sniff_mars(source: Source) -> bool:
-    names = (
-        {Cell.of(cell).name for cell in cells_of(source.text.head) if "px" in cell} if source.looks_like_text else set()
-    )
-    return {"fx", "fy"} <= names
+    names = (Cell.of(cell).name for cell in cells_of(source.text.head) if "px" in cell)
+    return source.looks_like_text and {"fx", "fy"}.issubset(names)
 
 
 def _read_mars(source: Source, request: Request) -> CameraFile:

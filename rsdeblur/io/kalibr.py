@@ -17,20 +17,15 @@ from rsdeblur.motion import lens
 from rsdeblur.types import FloatArray
 
 MODELS: dict[str, Distortion] = {
-    "radtan": "radtan",
-    "radial-tangential": "radtan",
-    "plumb_bob": "radtan",
-    "equidistant": "fisheye",
-    "equi": "fisheye",
-    "kannala_brandt4": "fisheye",
+    **dict.fromkeys(("radtan", "radial-tangential", "plumb_bob"), "radtan"),
+    **dict.fromkeys(("equidistant", "equi", "kannala_brandt4"), "fisheye"),
     "none": "none",
 }
 # Names of the transformation from IMU to camera axes, and of its inverse: Kalibr, ADVIO; OpenVINS, EuRoC, maplab, VINS.
 FORWARD, INVERSE = ("T_cam_imu", "T_C_B"), ("T_imu_cam", "T_ic", "T_BS", "T_B_C", "body_T_cam0", "extrinsicRotation")
 # The first three lines of DSO's files: a lens, the size of its pictures, and how they are rectified.
 DSO = re.compile(
-    r"\s*([a-z]*)\s*((?:[-+.\de]+[ \t]+){4,7}[-+.\de]+)\s*\n\s*(\d+)[ \t]+(\d+)\s*\n\s*(?:crop|full|none|[-.\d]+ )",
-    re.I,
+    r"(?i)\s*([a-z]*)\s*((?:[-+.\de]+[ \t]+){4,7}[-+.\de]+)\s*\n\s*(\d+)[ \t]+(\d+)\s*\n\s*(crop|full|none|[.\d]+ )"
 )
 # Bounds in characters and in values; calibrations have a few thousand and a few hundred.
 LONGEST, MOST_VALUES = 100_000, 10_000
@@ -214,7 +209,7 @@ def read_dso(source: Source, request: Request) -> CameraFile:
     """Read the camera of the pictures before DSO rectifies them."""
     if (match := DSO.match(source.text.start)) is None:
         raise source.error("not DSO's camera.txt: fx fy cx cy and the distortion, then the size, then crop or full")
-    name, lens_text, *size = match.groups()
+    name, lens_text, *size, _ = match.groups()
     with source.parsing("the camera"):
         width, height, fx, fy, cx, cy, *k = map(float, (*size, *lens_text.split()))
         if max(cx, cy) < 1:

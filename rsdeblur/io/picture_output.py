@@ -146,8 +146,7 @@ def _set_time(file: BinaryIO, like: Picture | None) -> None:
         try:
             os.utime(file.name, ns=(time.time_ns(), like.modified_ns))
         except OSError as error:
-            reason = error.strerror or error
-            warnings.warn(f"the file does not keep the original's time: {reason}", RsdeblurWarning, stacklevel=3)
+            warnings.warn(f"the file does not keep the original's time: {error}", RsdeblurWarning, stacklevel=3)
 
 
 def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:
