@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, OutputError, PsfBank, read_picture, write_picture
+from rsdeblur import Camera, OutputError, PsfBank, RsdeblurWarning, read_picture, write_picture
 from rsdeblur._util.atomic import atomic_write, check_target, remove_unfinished
 from rsdeblur.io import Picture
 from rsdeblur.io.picture_output import picture_to_fill
@@ -338,15 +338,37 @@ def test_a_mapped_picture_has_its_space_before_it_is_filled(tmp_path: Path, suff
         assert 512 * file.stat().st_blocks >= pixels.size
 
 
-def test_a_full_disk_is_an_error_before_the_map_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+def failing(number: int) -> Callable[..., None]:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(os, "posix_fallocate", full, raising=False)
+    return fail
+
+
+@pytest.mark.parametrize("number", [errno.EPERM, errno.EINVAL])
+@pytest.mark.parametrize("in_place", [False, True])
+def test_a_disk_without_file_times_and_synchronisation_keeps_the_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, in_place: bool
+) -> None:
+    for call in ("utime", "fsync", "posix_fallocate") if number == errno.EINVAL else ("utime", "fsync"):
+        monkeypatch.setattr(os, call, failing(number), raising=False)
+    like = Picture(np.full((3, 4), 7, np.uint8), modified_ns=10**18)
+    with (
+        pytest.warns(RsdeblurWarning, match="time"),
+        picture_to_fill(tmp_path / "a.tif", (3, 4), like=like, in_place=in_place) as pixels,
+    ):
+        pixels[...] = like.pixels
+    assert (read_picture(tmp_path / "a.tif").pixels == 7).all()
+
+
+@pytest.mark.parametrize("call", ["posix_fallocate", "fsync"])
+def test_a_full_disk_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
+    monkeypatch.setattr(os, call, failing(errno.ENOSPC), raising=False)
     pixels = np.zeros((3, 4), np.uint8)
     with (
         pytest.raises(OutputError, match=r"a\.tif: cannot write the file: No space left on device"),
         picture_to_fill(tmp_path / "a.tif", pixels.shape, like=Picture(pixels), in_place=True),
     ):
-        pytest.fail("the map was made")
+        # A map without its space ends the process with SIGBUS.
+        assert call == "fsync"
     assert not list(tmp_path.iterdir())

@@ -50,7 +50,8 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         with temporary_beside(target) as file:
             yield file
             file.flush()
-            os.fsync(file.fileno())
+            with _where_supported():
+                os.fsync(file.fileno())
             file.close()  # Windows does not rename an open file
             os.replace(file.name, target)
     except OutputError:
@@ -66,12 +67,18 @@ def reserve(file: BinaryIO) -> None:
     """
     file.flush()
     if hasattr(os, "posix_fallocate"):  # not on macOS and Windows
-        try:
+        with _where_supported():
             os.posix_fallocate(file.fileno(), 0, os.fstat(file.fileno()).st_size)
-        except OSError as error:
-            # Some file systems cannot reserve space.
-            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
-                raise
+
+
+@contextmanager
+def _where_supported() -> Iterator[None]:
+    """Ignore errors of file systems that cannot reserve space or synchronise; those of a full or broken disk raise."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EPERM):
+            raise
 
 
 def remove_unfinished(path: str | os.PathLike[str]) -> None:

@@ -29,7 +29,7 @@ from rsdeblur.motion.paths import Capture
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.pipeline.stages import StageClock
-from rsdeblur.pipeline.steps import judged, split_highlights
+from rsdeblur.pipeline.steps import blendable, judged, split_highlights
 from rsdeblur.pipeline.tiles import with_mode
 from rsdeblur.types import Float32Array, Progress
 
@@ -205,12 +205,12 @@ def deblur_burst(
         burst = aligned(splits, captures, tunings, reference, clock, chosen.threads)
     with clock.stage("psfs"):
         solution = BurstSolution.of(burst, chosen)
-    coverage, meter = solution.run(upright, clock)
     first, used = burst.reference.encoded, [burst.frames[n] for n in burst.used]
     pairs = [(each.encoded, each.alignment.capture) for each in used]
-    check = judged(
-        first, upright, partial(MotionEvidence.of_burst, pairs, threads=chosen.threads), meter, chosen, clock
-    )
+    evidence = partial(MotionEvidence.of_burst, pairs, threads=chosen.threads)
+    with blendable(upright, first, chosen) as target:
+        coverage, meter = solution.run(target, clock)
+        check = judged(first, target, evidence, meter, chosen, clock)
     bank, strengths = solution.bank, solution.strengths
     shares = dict(zip(burst.used, solution.shares, strict=True))
     return BurstResult(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from rsdeblur._util.once import once
 from rsdeblur.burst.fit import FrameFit, fit_frame
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.image.encoded import EncodedImage
@@ -77,17 +77,20 @@ class BurstFrame:
         """The picture with its highlights."""
         return self.split.encoded
 
-    @cached_property
+    @property
+    @once
     def warp(self) -> Warp:
         """Where the frame shows what the reference shows."""
         return Warp.of(self.alignment, None if self.fit is None else self.fit.shift)
 
-    @cached_property
+    @property
+    @once
     def factor(self) -> int:
         """Whole factor by which pictures are reduced for the comparison."""
         return max(1, round(max(self.encoded.shape[:2]) / SIDE))
 
-    @cached_property
+    @property
+    @once
     def grey(self) -> Float32Array:
         """The frame reduced, channels averaged, shape (h, w)."""
         height, width, channels = self.encoded.shape
@@ -104,7 +107,8 @@ class BurstFrame:
             rows.sum(axis=1, out=out[top:stop])
         return out
 
-    @cached_property
+    @property
+    @once
     def grey_noise(self) -> float:
         """Standard deviation of the noise of :attr:`grey`."""
         return noise_level(self.grey[..., None])

@@ -100,12 +100,15 @@ def capture_warnings(*, show: Callable[[str], None] | bool = True) -> Iterator[l
     before = warnings.showwarning
 
     def collect(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
-        if issubclass(category, RsdeblurWarning) and str(message) not in texts:
-            texts.append(str(message))
+        text = str(message)
+        if not issubclass(category, RsdeblurWarning):
+            text = text.partition("\n")[0]  # a library may add a traceback
+        elif text not in texts:
+            texts.append(text)
         if show is True:
             before(message, category, *place, **more)
         elif show:
-            show(str(message))
+            show(text)
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", RsdeblurWarning)

@@ -41,6 +41,9 @@ __all__ = ["LatentPrior", "QuadraticSolver", "Step", "brightness"]
 
 # Steps of :meth:`DerivativePrior.steps`: their penalties, and how far ahead they look.
 PENALTIES, AHEAD = (7.0, 35.0, 178.0, 900.0), 0.5
+# Largest strength of the splitting's quadratic term. The pull of a stronger one, of which tiles do not keep the sum,
+# outweighs the observation, and the steps diverge beside a very bright pixel. White noise of 0.3 leads to 600.
+MOST_STRENGTH = 1e3
 # Percentile of a picture's values that counts as the value of its bright parts, and the least value used.
 BRIGHTEST, LEAST_PEAK = 99.9, 1e-3
 # The splitting ends when a step changes the picture by less than this share of its norm.
@@ -293,7 +296,7 @@ class DerivativePrior:
         exponent, sparsity = KINDS[self.kind].power(self.exponent), KINDS[self.kind].sparsity
         assert sparsity is not None, "restore() solves it at once"
         weight, peak = self.weight, max(1.0 if self.peak is None else self.peak, LEAST_PEAK)
-        penalties = [penalty * peak ** (exponent - 2.0) for penalty in penalties]
+        penalties = [min(penalty * peak ** (exponent - 2.0), MOST_STRENGTH / weight) for penalty in penalties]
         latent = guess = solver.solve(weight * penalties[0], None, sparsity.coupling) if start is None else start
         polynomial, pull = shrinkage(exponent), np.empty_like(latent)
         workspaces = [workspace(latent) for _ in range(min(thread_count(threads), len(_blocks(latent))))]

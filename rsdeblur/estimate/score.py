@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import starmap
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur._util.once import once
 from rsdeblur._util.threads import beside, share_map
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior
@@ -93,7 +93,8 @@ class Photo:
         other.likelihood, other._kept = PhotoLikelihood(self.likelihood.spectra, recording, deviations), {}
         return other
 
-    @cached_property
+    @property
+    @once
     def whole(self) -> WholeSharpness:
         """The measure of whole solves, which most photos do not need."""
         return WholeSharpness(self._light, self._recording)
@@ -257,7 +258,8 @@ class Score:
             return gain
         return gain + NATS_PER_FALL * fall
 
-    @cached_property
+    @property
+    @once
     def _given_length(self) -> float:
         return _length(self.posterior.recordings(self.nothing))
 

@@ -50,7 +50,7 @@ def read_camera(
     ----------
     path : path-like
         The file. Its content decides the format; a name that ends in ``.toml`` is enough for a camera file.
-    format : {"toml", "gyroflow", "kalibr", "mars", "recording", "exif"}, optional
+    format : {"toml", "gyroflow", "kalibr", "dso", "mars", "recording", "exif"}, optional
         Name of the format instead of detection; the page on files describes each, and what it lacks.
     size : (int, int), optional
         Width and height of the picture in px, if they differ from the file's. The picture is assumed to be resized by
@@ -193,10 +193,8 @@ MARS = {
 
 
 def _sniff_mars(source: Source) -> bool:
-    names = (
-        {Cell.of(cell).name for cell in cells_of(source.text.head) if "px" in cell} if source.looks_like_text else set()
-    )
-    return {"fx", "fy"} <= names
+    names = (Cell.of(cell).name for cell in cells_of(source.text.head) if "px" in cell)
+    return source.looks_like_text and {"fx", "fy"}.issubset(names)
 
 
 def _read_mars(source: Source, request: Request) -> CameraFile:
@@ -305,9 +303,10 @@ def _video_size(source: Source) -> tuple[int, int] | None:
 
 
 FORMATS: tuple[Format[CameraFile], ...] = (
+    Format("dso", "DSO camera.txt", kalibr.sniff_dso, kalibr.read_dso),
     Format("exif", "picture with an EXIF block", is_picture, _read_exif),
     Format("gyroflow", "Gyroflow lens profile or project", gyroflow.is_lens, gyroflow.read_lens),
-    Format("kalibr", "Kalibr, EuRoC or maplab YAML", kalibr.sniff, kalibr.read),
+    Format("kalibr", "Kalibr, EuRoC, maplab or VINS YAML", kalibr.sniff, kalibr.read),
     Format("mars", "MARS logger movie_metadata.csv", _sniff_mars, _read_mars),
     Format("recording", ".gcsv log or video with telemetry", _sniff_log, _read_log),
     Format("toml", "TOML, see docs/camera-file.md", _sniff_toml, _read_toml),

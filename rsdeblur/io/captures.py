@@ -209,9 +209,7 @@ FORMATS: tuple[Format[CaptureFile], ...] = (
     _table("named", "MARS logger movie_metadata.csv, or another header `timestamp[unit], exposure[unit]`", _named),
     _table("deepgyro", "DeepGyro images.txt, `t_ns exposure_ns`", partial(_numbered, count=2)),
     _table(
-        "image-info",
-        "GyroDeblurNet image_info.txt, `t_ns ISO exposure_ns fx fy cx cy s`",
-        partial(_numbered, count=8),
+        "image-info", "GyroDeblurNet image_info.txt, `t_ns ISO exposure_ns fx fy cx cy s`", partial(_numbered, count=8)
     ),
     _table("euroc", "EuRoC cam0/data.csv, `t_ns,filename`", _beside_pictures),
     _table("timestamps", "one timestamp a line", partial(_numbered, count=1)),

@@ -322,8 +322,7 @@ def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
         sensors = sorted({found[k] for found in cells if k < len(found)})
         if len(sensors) > 1:
             raise text.error(
-                f"column {k + 1} names several sensors ({', '.join(sensors)[:80]}); keep the lines of one only",
-                some[0],
+                f"column {k + 1} names several sensors ({', '.join(sensors)[:80]}); keep the lines of one only", some[0]
             )
     place = columns.places[0]
     width = min([64, *map(len, cells)])  # the columns of any sensor log, and a bound on the work for other files

@@ -1,7 +1,8 @@
-"""Cameras of calibration tools: Kalibr's chains, EuRoC's sensor files and maplab's camera systems, all in YAML."""
+"""Cameras of calibration tools: YAML of Kalibr, EuRoC, maplab and VINS-Fusion, and DSO's `camera.txt`."""
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any
 
@@ -12,19 +13,20 @@ from rsdeblur.choices import Distortion
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished
 from rsdeblur.io.source import Source
+from rsdeblur.motion import lens
 from rsdeblur.types import FloatArray
 
 MODELS: dict[str, Distortion] = {
-    "radtan": "radtan",
-    "radial-tangential": "radtan",
-    "plumb_bob": "radtan",
-    "equidistant": "fisheye",
-    "equi": "fisheye",
-    "kannala_brandt4": "fisheye",
+    **dict.fromkeys(("radtan", "radial-tangential", "plumb_bob"), "radtan"),
+    **dict.fromkeys(("equidistant", "equi", "kannala_brandt4"), "fisheye"),
     "none": "none",
 }
-# Names of the transformation from IMU to camera axes, and of its inverse: Kalibr, ADVIO; OpenVINS, EuRoC, maplab.
-FORWARD, INVERSE = ("T_cam_imu", "T_C_B"), ("T_imu_cam", "T_ic", "T_BS", "T_B_C", "body_T_cam0")
+# Names of the transformation from IMU to camera axes, and of its inverse: Kalibr, ADVIO; OpenVINS, EuRoC, maplab, VINS.
+FORWARD, INVERSE = ("T_cam_imu", "T_C_B"), ("T_imu_cam", "T_ic", "T_BS", "T_B_C", "body_T_cam0", "extrinsicRotation")
+# The first three lines of DSO's files: a lens, the size of its pictures, and how they are rectified.
+DSO = re.compile(
+    r"(?i)\s*([a-z]*)\s*((?:[-+.\de]+[ \t]+){4,7}[-+.\de]+)\s*\n\s*(\d+)[ \t]+(\d+)\s*\n\s*(crop|full|none|[.\d]+ )"
+)
 # Bounds in characters and in values; calibrations have a few thousand and a few hundred.
 LONGEST, MOST_VALUES = 100_000, 10_000
 
@@ -33,7 +35,7 @@ def sniff(source: Source) -> bool:
     """Whether the file is YAML of one of these tools."""
     if not source.looks_like_text or source.looks_like_json:
         return False
-    keys = r"^[ \t]*(-[ \t]*)?(cam\d+|cameras|camera_model|T_cam_imu)\s*:"
+    keys = r"^[ \t]*(-[ \t]*)?(cam\d+|cam0_calib|cameras|camera_model|model_type|T_cam_imu)\s*:"
     return re.search(keys, source.text.start, re.MULTILINE) is not None
 
 
@@ -89,6 +91,11 @@ def _cameras(source: Source, content: Any) -> dict[str, dict[str, Any]]:
     cameras: dict[str, dict[str, Any]] = {}
     if isinstance(content, dict) and "camera_model" in content:
         cameras = {"cam0": content}
+    elif isinstance(content, dict) and "cam0_calib" in content:
+        raise source.error(f"the camera is in another file: give {content['cam0_calib']}")
+    elif isinstance(content, dict) and "model_type" in content:
+        with source.parsing("cam0"):
+            cameras = {"cam0": content | _of_vins(content)}
     elif isinstance(content, dict) and isinstance(content.get("cameras"), list):
         for i, entry in enumerate(content["cameras"]):
             if isinstance(entry, dict):
@@ -115,6 +122,24 @@ def _of_maplab(entry: dict[str, Any]) -> dict[str, Any]:
     return renamed | {key: entry[key] for key in (*FORWARD, *INVERSE, "timeshift_cam_imu") if key in entry}
 
 
+def _of_vins(entry: dict[str, Any]) -> dict[str, Any]:
+    model, projection = str(entry["model_type"]), entry["projection_parameters"]
+    keys, kind = "fx fy cx cy k1 k2 p1 p2", "radtan"
+    if model == "KANNALA_BRANDT":  # Its k2 is the factor of the angle's third power.
+        model, keys, kind = "PINHOLE", "mu mv u0 v0 k2 k3 k4 k5", "equidistant"
+    values = projection | (entry.get("distortion_parameters") or {})
+    readout_time = entry.get("rolling_shutter") and entry.get("rolling_shutter_tr")
+    return {
+        "camera_model": model.lower(),
+        "intrinsics": [values.get(key) for key in keys.split()[:4]],
+        "resolution": [entry["image_width"], entry["image_height"]],
+        "distortion_model": kind,
+        "distortion_coeffs": [values.get(key, 0.0) for key in keys.split()[4:]],
+        "line_delay": float(readout_time or 0.0) / float(entry["image_height"]),
+        "timeshift_cam_imu": entry.get("td"),
+    }
+
+
 def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]) -> dict[str, Any]:
     model = str(entry.get("camera_model", "pinhole"))
     if not model.startswith("pinhole"):
@@ -134,7 +159,7 @@ def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]
         )
     coefficients = entry.get("distortion_coeffs", entry.get("distortion_coefficients", []))
     delay = float(entry.get("line_delay") or 0.0)
-    if delay == 0:
+    if delay == 0 and "rolling_shutter" not in entry:
         text = "the file has no line delay: a global shutter is assumed; give the readout time if the shutter rolls"
         assumptions.append(Assumption("readout_time", text))
     return {
@@ -173,3 +198,28 @@ def _numbers(value: Any) -> list[float]:
     if isinstance(value, list):
         return [number for item in value for number in (_numbers(item) if isinstance(item, list) else [float(item)])]
     raise ValueError(f"{value!r} is not a list of numbers")
+
+
+def sniff_dso(source: Source) -> bool:
+    """Whether the file is DSO's."""
+    return source.looks_like_text and DSO.match(source.text.start) is not None
+
+
+def read_dso(source: Source, request: Request) -> CameraFile:
+    """Read the camera of the pictures before DSO rectifies them."""
+    if (match := DSO.match(source.text.start)) is None:
+        raise source.error("not DSO's camera.txt: fx fy cx cy and the distortion, then the size, then crop or full")
+    name, lens_text, *size, _ = match.groups()
+    with source.parsing("the camera"):
+        width, height, fx, fy, cx, cy, *k = map(float, (*size, *lens_text.split()))
+        if max(cx, cy) < 1:
+            fx, fy, cx, cy = fx * width, fy * height, cx * width - 0.5, cy * height - 0.5
+        model: Distortion = "fisheye" if name.lower() in ("equidistant", "kannalabrandt") else "radtan"
+        if len(k) == 1 and k[0]:
+            model, (scale, *k) = "fisheye", lens.fisheye_of_fov(k[0], math.hypot(width / fx, height / fy) / 2)
+            fx, fy = scale * fx, scale * fy
+    fields: dict[str, Any] = {"size": (int(width), int(height)), "focal_length": (fx, fy), "principal_point": (cx, cy)}
+    fields |= {"distortion_model": model, "distortion": k} if any(k) else {}
+    assumptions: list[Assumption] = []
+    axes = _imu_to_camera({}, assumptions)
+    return finished(source, request, "dso", assumptions, {}, readout_time=None, imu_to_camera=axes, **fields)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import struct
 import time
+import warnings
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,7 +22,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write, check_target, reserve
 from rsdeblur._util.binary import PREFIX
 from rsdeblur._util.files import checked_path
-from rsdeblur.errors import InputError, OutputError
+from rsdeblur.errors import InputError, OutputError, RsdeblurWarning
 from rsdeblur.image.quantise import quantised
 from rsdeblur.io import _tiff
 from rsdeblur.io._metadata import PNG_IPTC, Picture, png_iptc, renewed
@@ -75,7 +76,8 @@ def write_picture(
     -----
     RsdeblurWarning
         If `like` has parts that the file does not keep: gain maps, motion photos, C2PA manifests, the XMP packets that
-        describe them, blocks too long for JPEG, and those that WebP, TIFF or NumPy files cannot hold.
+        describe them, blocks too long for JPEG, and those that WebP, TIFF or NumPy files cannot hold. Or if the disk
+        refuses the file's time.
 
     Examples
     --------
@@ -141,7 +143,10 @@ def _set_time(file: BinaryIO, like: Picture | None) -> None:
     """Give a file that is complete the time of the original's last change."""
     if like is not None and like.modified_ns is not None:
         file.flush()
-        os.utime(file.name, ns=(time.time_ns(), like.modified_ns))
+        try:
+            os.utime(file.name, ns=(time.time_ns(), like.modified_ns))
+        except OSError as error:
+            warnings.warn(f"the file does not keep the original's time: {error}", RsdeblurWarning, stacklevel=3)
 
 
 def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:

@@ -10,12 +10,12 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 from io import BytesIO
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from rsdeblur._util import validate
 from rsdeblur._util.files import checked_path, open_file, read_file
+from rsdeblur._util.once import once
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.columns import RATE, Quantity, guessed_option, is_table, listed, named_columns
 from rsdeblur.io.text import TextFile
@@ -77,7 +77,8 @@ class Source:
             whole = os.fstat(file.fileno()).st_size
         return self._read(max(whole - size, 0))
 
-    @cached_property
+    @property
+    @once
     def data(self) -> bytes:
         """The whole content."""
         return self._read(0)
@@ -89,7 +90,8 @@ class Source:
             raise self._parsed
         return self._parsed
 
-    @cached_property
+    @property
+    @once
     def _parsed(self) -> TextFile | FileFormatError:
         # An error is cached as well, because every format asks for the text.
         try:
@@ -108,7 +110,8 @@ class Source:
         """Whether the content may be JSON."""
         return self.head.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] in (b"{", b"[")
 
-    @cached_property
+    @property
+    @once
     def json(self) -> Any:
         """The content as JSON; raises `FileFormatError` if it is not."""
         try:

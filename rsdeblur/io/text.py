@@ -222,11 +222,7 @@ def read_table(text: TextFile, rows: Rows | Sequence[int], columns: Sequence[int
         raise _bad_cell(text, int(rows[bad[0]]), columns)
     # Copies, so that the timestamps can be freed before the values.
     return Table(
-        text,
-        rows,
-        data["timestamp"].copy(),
-        data["values"].copy(),
-        lambda: cells(rows, str, columns[:1]).tolist(),
+        text, rows, data["timestamp"].copy(), data["values"].copy(), lambda: cells(rows, str, columns[:1]).tolist()
     )
 
 

@@ -98,11 +98,9 @@ def _columns(text: TextFile) -> Columns:
     raise text.error("no poses: expected `t tx ty tz qx qy qz qw`, or a header that names these columns", text.rows[0])
 
 
-def _sniff(text: TextFile) -> bool:
-    # Raises `FileFormatError`, which means no.
-    return bool(_columns(text))
-
-
 FORMATS: tuple[Format[Trajectory], ...] = (
-    text_format("poses", "`t tx ty tz qx qy qz qw`, `t x y z`, or a header that names these columns", _sniff, _read),
+    # Without columns, `_columns` raises `FileFormatError`, which means no.
+    text_format(
+        "poses", "`t tx ty tz qx qy qz qw`, `t x y z`, or a header of these", lambda text: bool(_columns(text)), _read
+    ),
 )

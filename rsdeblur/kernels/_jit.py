@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
-import numba
 import numpy as np
-from numba.core.compiler_lock import global_compiler_lock
-from numba.core.event import TimingListener, install_listener
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import held_at_forks
+from rsdeblur.errors import InputError
+
+try:
+    import numba
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.event import TimingListener, install_listener
+except ValueError as error:
+    names = ", ".join(name for name in sorted(os.environ) if name.startswith("NUMBA_")) or "NUMBA_*"
+    raise InputError(f"Numba cannot be loaded: {error} Correct or unset the environment variable {names}") from error
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

@@ -169,3 +169,15 @@ def _flattened(points: FloatArray, k: tuple[float, ...]) -> FloatArray:
 def turned(model: Distortion, k: tuple[float, ...]) -> tuple[float, ...]:
     """Return the coefficients for the picture turned a quarter clockwise."""
     return (*k[:2], k[3], -k[2], *k[4:]) if model == "radtan" else k
+
+
+def fisheye_of_fov(omega: float, edge: float) -> list[float]:
+    """Return the fisheye that Devernay's FOV lens (2001) is: the factor of its focal length, and k1 to k4.
+
+    They fit its radii up to `edge` in normalised coordinates, at most nearly 90 degrees from the axis.
+    """
+    wide = 2 * np.tan(omega / 2)
+    theta = np.linspace(0, np.arctan(np.tan(min(omega * edge, 1.5)) / wide), 200)[1:]
+    bent = np.arctan(wide * np.tan(theta)) / omega
+    scale, *k = np.linalg.lstsq(theta[:, None] ** [1, 3, 5, 7, 9], bent, rcond=None)[0].tolist()
+    return [scale, *(value / scale for value in k)]

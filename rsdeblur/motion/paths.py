@@ -21,13 +21,13 @@ K^-1 p`, and the paths contain the skew in addition to the blur.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
+from rsdeblur._util.once import once
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import GEOMETRIES, MOTIONS, Geometry, Motion
 from rsdeblur.errors import InputError
@@ -151,7 +151,8 @@ class Capture:
             translation = translation.covering(opens, closes, exposure.epoch_ns)
         return cls(track, camera, exposure, translation, motion, softness)
 
-    @cached_property
+    @property
+    @once
     def probe(self) -> BlurPaths:
         """Few paths with few samples, spread over the whole picture: enough for the extent and change of all paths."""
         rows = np.linspace(0.0, self.camera.height - 1, PROBE_ROWS)
@@ -163,7 +164,8 @@ class Capture:
         """Mean length of the paths over the whole picture, px."""
         return float(self.probe.lengths.mean())
 
-    @cached_property
+    @property
+    @once
     def row_poses(self) -> RowPoses:
         """Poses of all rows, from half a height above the picture to half a height below; paths may leave it."""
         rows = np.arange(2.0 * self.camera.lines) - self.camera.lines // 2

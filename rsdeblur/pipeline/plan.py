@@ -31,7 +31,7 @@ from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import PictureSolver, Strengths, chroma_of
 from rsdeblur.pipeline.stages import StageClock
-from rsdeblur.pipeline.steps import derive_strengths, judged, solve_chunks, split_highlights
+from rsdeblur.pipeline.steps import blendable, derive_strengths, judged, solve_chunks, split_highlights
 from rsdeblur.pipeline.tiles import tile_errors, tile_paths, with_mode
 from rsdeblur.psf import PsfBank, kernel_sheet
 from rsdeblur.types import FloatImage, Progress
@@ -183,13 +183,16 @@ class Plan:
         meter = UndershootMeter(encoded.shape[0])
         # What the check needs of the blurred picture is measured while other steps leave a processor free.
         weigh = partial(MotionEvidence.of, encoded, self.capture, threads=1)
-        with beside(weigh, threads if self.options.judges else 1) as evidence:
+        with (
+            beside(weigh, threads if self.options.judges else 1) as evidence,
+            blendable(upright, encoded, self.options) as target,
+        ):
             strengths, bank = self._prepared(split, clock, light)
             solver = PictureSolver(self.options, strengths, bank, self.capture)
             judging = meter if self.options.judges else None
-            coverage = solve_chunks(split, upright, solver, clock, light=light, meter=judging, capture=self.capture)
+            coverage = solve_chunks(split, target, solver, clock, light=light, meter=judging, capture=self.capture)
             del light
-            check = judged(encoded, upright, evidence, meter, self.options, clock)
+            check = judged(encoded, target, evidence, meter, self.options, clock)
         if check is not None and self.refinement is not None:
             check = doubted_by(self.refinement, check)
         bands, strips = bank.kernels.shape[:2]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +18,7 @@ from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.image.clipping import keep_colours_near_clipped
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import HighlightSplit, find_spots, lights, separate_highlights, small_spots
+from rsdeblur.image.quantise import quantised
 from rsdeblur.image.transfer import normalized
 from rsdeblur.image.undershoot import UndershootMeter, fade_undershoot
 from rsdeblur.motion.paths import Capture
@@ -190,6 +192,17 @@ def solve_chunks(
         # Free the memory before the next chunk is planned.
         del linear, solve
     return coverage
+
+
+@contextmanager
+def blendable(out: NDArray[Any], encoded: EncodedImage, options: Options) -> Iterator[NDArray[Any]]:
+    """Yield the array to solve into: `out`, or floats for it where integers would clip light before it is blended."""
+    if not (options.fallback and out.dtype.kind == "u" and encoded.values.dtype.kind == "f"):
+        yield out
+        return
+    values = np.empty(out.shape, np.float32)
+    yield values
+    out[...] = quantised(values, 8 * out.dtype.itemsize)
 
 
 def judged(

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import fft
 
 from rsdeblur._util import validate
+from rsdeblur._util.once import once
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import DERIVATIVE_PRIORS, EXPONENT, Prior
 from rsdeblur.deconv.otf import OtfPlanner
@@ -249,7 +249,8 @@ class Tuning:
         """Standard deviation of the noise in linear light."""
         return overall_noise(self.octave_noise)
 
-    @cached_property
+    @property
+    @once
     def gradient_weight(self) -> float:
         """Weight of the prior with exponent 2 at which the expected error is least."""
         return self._best(lambda weight: self.border_error + weight * self.spectra.gradient)

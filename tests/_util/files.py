@@ -294,6 +294,27 @@ distortion_coefficients: [-0.05, 0.001, 0.001, -0.002]
 """,
 }
 
+KALIBR["vins"] = f"""%YAML:1.0
+---
+model_type: PINHOLE
+image_width: 400
+image_height: 300
+distortion_parameters: {{k1: -0.05, k2: 0.001, p1: 0.001, p2: -0.002}}
+projection_parameters: {{fx: 210.0, fy: 211.0, cx: 190.0, cy: 150.0}}
+body_T_cam0: !!opencv-matrix
+   rows: 4
+   cols: 4
+   dt: d
+   data: {[value for row in INVERSE for value in row]}
+td: 0.012
+rolling_shutter: 1
+rolling_shutter_tr: 0.015
+"""
+# A FOV lens, relative to the size, and a radial-tangential one.
+DSO = (
+    "0.35 0.44 0.49 0.5 0.93\n1280 1024\ncrop\n640 480\n",
+    "RadTan 367.7 369.8 312.1 222.3 -0.3 0.08 0.002 -0.0006\n640 480\nnone\n640 480\n",
+)
 KALIBR["advio"] = KALIBR["maplab"].replace("T_B_C", "T_cam_imu").replace(str(INVERSE), str(MATRIX))
 
 CAMERA_TOML = [

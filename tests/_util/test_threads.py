@@ -6,14 +6,17 @@ import threading
 import time
 from contextlib import closing
 from multiprocessing import active_children
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import rsdeblur
 from rsdeblur import Camera, Exposure, InputError, PsfBank, deblur, hand_shake
 from rsdeblur._util import workers
 from rsdeblur._util.memory import ALIGNMENT, empty
-from rsdeblur._util.threads import ThreadTeam, beside, share
+from rsdeblur._util.once import once
+from rsdeblur._util.threads import ThreadTeam, beside, share, share_map
 from rsdeblur._util.workers import Failure
 from rsdeblur.motion import BlurPaths, Capture
 
@@ -179,3 +182,20 @@ def test_an_interrupt_ends_the_workers_and_tells_what_they_were_doing(tmp_path, 
     assert lost == [task]
     assert not active_children()
     assert capfd.readouterr().err == ""
+
+
+def test_attributes_computed_once_hold_no_lock_that_a_fork_could_find_taken() -> None:
+    both = threading.Barrier(2, timeout=30)
+
+    class Kept:
+        @property
+        @once
+        def value(self) -> object:
+            both.wait()  # breaks unless two objects are computed at the same time
+            return object()
+
+    objects = [Kept(), Kept()]
+    first, second = share_map(lambda kept: kept.value, objects, 2)
+    assert (first, second) == tuple(kept.value for kept in objects)
+    sources = Path(rsdeblur.__file__).parent.rglob("*.py")
+    assert not [path for path in sources if "import cached_property" in path.read_text(encoding="utf-8")]

@@ -172,6 +172,15 @@ def test_stdout_takes_any_name(files: Files, tmp_path: Path, locale: str, encodi
     assert rb"\udce9.png: picture" in done.stdout
 
 
+@pytest.mark.parametrize(("value", "code"), [("0", 1), ("x", 0)])
+def test_an_environment_that_numba_refuses_is_one_line(files: Files, value: str, code: int) -> None:
+    environment = os.environ | {"NUMBA_NUM_THREADS": value, "SOURCE_DATE_EPOCH": "9" * 14}
+    command = [sys.executable, "-m", "rsdeblur", "psf", *map(str, files.recording)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    (line,) = (line for line in done.stderr.splitlines() if "NUMBA_NUM_THREADS" in line)
+    assert (done.returncode, "Traceback" in done.stderr) == (code, False), line
+
+
 def test_a_closed_stderr_is_no_error(files: Files, tmp_path: Path) -> None:
     out = tmp_path / "o.png"
     fast = "--mode global --prior wiener --nsr 0.01"

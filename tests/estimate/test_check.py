@@ -144,6 +144,10 @@ def test_fallback_blends_only_where_it_is_bad(capture, restored):
     assert np.abs(blended.image - light).mean() < 0.2 * np.abs(result.image - light).mean()
     good, kept = (restored(right=True, fallback=fallback) for fallback in (False, True))
     np.testing.assert_array_equal(kept.image, good.image)
+    levels = np.empty(light.shape, np.uint16)
+    deblur(light, wrong(log), camera, exposure, prior="tv", chroma="full", fallback=True, out=levels)
+    # Clipped after the blend, and rounded.
+    np.testing.assert_allclose(levels, 65535 * blended.image.clip(0, 1), atol=0.51)
     with pytest.raises(InputError, match="fallback"):
         deblur(light, log, camera, exposure, geometry="rectify", fallback=True, prior="wiener")
 

@@ -140,6 +140,7 @@ TARGETS: dict[str, Target] = {
     ),
     "toml": _text(_camera, files.CAMERA_TOML, "camera.toml"),
     "kalibr": _text(_camera, files.KALIBR, "camera.yaml"),
+    "dso": Target(_camera, lambda: [text.encode() for text in files.DSO], "camera.txt", text=True),
     "gyroflow-lens": Target(_camera, lambda: [*files.LENSES, files.project({})], "lens.json", text=True),
     "exif": Target(_camera, lambda: [files.exif()], "a.jpg", pack=files.jpeg),
     "captures": _text(_captures, files.CAPTURES, "captures.csv"),

@@ -134,6 +134,17 @@ class TestKalibr:
             open_camera(path, name="cam7")
 
 
+def test_dso(write: Write) -> None:
+    fov, radtan = (open_camera(write(text)).camera for text in files.DSO)
+    assert (fov.width, fov.height, fov.principal_point) == (1280, 1024, (0.49 * 1280 - 0.5, 511.5))
+    theta = np.linspace(0.01, 1.2, 20)
+    directions = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
+    radii = 0.35 * 1280 * np.arctan(2 * np.tan(theta) * np.tan(0.93 / 2)) / 0.93
+    # px; the polynomial is fitted.
+    np.testing.assert_allclose(fov.project(directions)[:, 0] - fov.principal_point[0], radii, atol=1e-3)
+    assert (radtan.focal_length, radtan.distortion) == ((367.7, 369.8), (-0.3, 0.08, 0.002, -0.0006))
+
+
 @pytest.mark.parametrize(
     ("fx", "fy", "lens", "words"),
     [

@@ -54,6 +54,14 @@ def test_pictures_of_any_scale_have_a_finite_result(mode: str, prior: str, scale
     assert np.isfinite(run(NOISE * np.float32(scale), mode=mode, prior=prior).image).all()
 
 
+@pytest.mark.parametrize("prior", PRIORS)
+@pytest.mark.parametrize("mode", ["banded", "rowwise"])
+def test_one_bright_pixel_has_a_finite_result(mode: str, prior: str) -> None:
+    image = NOISE.copy()
+    image[20, 30] = 1e12
+    assert np.isfinite(run(image, mode=mode, prior=prior).image).all()
+
+
 @pytest.mark.parametrize("transfer", [0.1, 10.0])
 def test_a_result_that_is_not_finite_is_refused(transfer: float) -> None:
     image = NOISE * np.float32(1e11 if transfer < 1 else 1.0)
