@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur._util.one_line import html_with_picture, one_line
+from rsdeblur._util.one_line import html_with_pictures, one_line
 from rsdeblur._util.threads import beside
 from rsdeblur.choices import Chroma, Mode, Transfer
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck, doubted_by
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.refine import Refinement, refine
-from rsdeblur.image.encoded import EncodedImage, check_size, result_like
+from rsdeblur.image.encoded import EncodedImage, check_size, displayed, result_like
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.image.undershoot import UndershootMeter
@@ -75,6 +75,8 @@ class DeblurResult:
         Error of the paths, px, that tiles make down the picture, because it is blurred otherwise within the height of a
         PSF; root mean square. It decides the mode "auto": above 0.1 px, rows are solved one by one. None where kernels
         were given.
+    blurred : ndarray or None
+        The input, not a copy; None for a burst.
     """
 
     image: NDArray[Any]
@@ -92,10 +94,19 @@ class DeblurResult:
     chroma: Chroma = "full"
     mode: Mode = "banded"
     tile_error: float | None = None
+    blurred: NDArray[Any] | None = field(default=None, repr=False)
 
     def _repr_html_(self) -> str:
-        """Return the representation and the kernels for a notebook."""
-        return html_with_picture(self, kernel_sheet(self.psfs))
+        """Return the representation, the pictures and the kernels for a notebook."""
+        pictures = {"blurred": self.blurred, "sharp": self.image}
+        # Thinned before they are decoded, which takes as long as the picture is large.
+        step = max(1, max(self.image.shape) // 1000)
+        shown = {
+            name: displayed(picture[::step, ::step], self.transfer)
+            for name, picture in pictures.items()
+            if picture is not None
+        }
+        return html_with_pictures(self, shown | {"kernels": kernel_sheet(self.psfs)})
 
 
 @one_line()
@@ -210,6 +221,7 @@ class Plan:
             chroma=chroma_of(self.options, bank.size, encoded.shape),
             mode=mode,
             tile_error=tile_errors(self.capture)[0] ** 0.5,
+            blurred=np.asarray(image),
         )
 
     def _encoded(self, image: ArrayLike) -> EncodedImage:
