@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -14,7 +13,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import html_with_pictures, one_line
 from rsdeblur._util.threads import beside
 from rsdeblur.choices import Chroma, Mode, Transfer
-from rsdeblur.errors import InputError, RsdeblurWarning
+from rsdeblur.errors import InputError
 from rsdeblur.estimate.check import QualityCheck, doubted_by
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.refine import Refinement, refine
@@ -24,7 +23,6 @@ from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.image.undershoot import UndershootMeter
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.camera_values import too_wide
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
@@ -98,14 +96,10 @@ class DeblurResult:
 
     def _repr_html_(self) -> str:
         """Return the representation, the pictures and the kernels for a notebook."""
-        pictures = {"blurred": self.blurred, "sharp": self.image}
-        # Thinned before they are decoded, which takes as long as the picture is large.
-        step = max(1, max(self.image.shape) // 1000)
-        shown = {
-            name: displayed(picture[::step, ::step], self.transfer)
-            for name, picture in pictures.items()
-            if picture is not None
-        }
+        pictures = {} if self.blurred is None else {"blurred": self.blurred}
+        pictures |= {"sharp": self.image}
+        step = max(1, max(self.image.shape) // 1000)  # decoding takes as long as the picture is large
+        shown = {name: displayed(picture[::step, ::step], self.transfer) for name, picture in pictures.items()}
         return html_with_pictures(self, shown | {"kernels": kernel_sheet(self.psfs)})
 
 
@@ -285,11 +279,6 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
     CoverageError, ClockError, GapError
         If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
 
-    Warns
-    -----
-    RsdeblurWarning
-        If the focal length is so short that it is probably not in px.
-
     Examples
     --------
     >>> import numpy as np
@@ -304,8 +293,6 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
     options = Options() if options is None else validate.instance("options", options, Options)
     if options.refine:
         raise InputError("refine=True needs a picture; call rsdeblur.refine first, and plan with its result")
-    if (doubt := too_wide(camera)) is not None:
-        warnings.warn(doubt, RsdeblurWarning, stacklevel=2)
     frame = ReadoutFrame(camera)
     capture = captured(frame, log, exposure, options)
     return Plan(frame, capture, with_mode(options, [capture]))
