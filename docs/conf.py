@@ -74,6 +74,7 @@ html_context = {"default_mode": "auto"}
 html_favicon = "_static/favicon.svg"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_search_scorer = str(HERE / "_static" / "scorer.js")
 html_js_files = [("names.js", {"defer": "defer"})]
 html_show_sourcelink = False
 html_sidebars = {"comparison": []}

@@ -17,8 +17,7 @@ from rsdeblur._util import validate
 from rsdeblur.burst.burst import BurstResult
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
-from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.image.transfer import from_linear
+from rsdeblur.image.encoded import displayed
 from rsdeblur.motion.arguments import exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
@@ -246,6 +245,4 @@ def _display(picture: ArrayLike | DeblurResult | BurstResult, transfer: Transfer
     """Return a picture as sRGB values in [0, 1], (H, W) or (H, W, 3), without alpha."""
     if isinstance(picture, (DeblurResult, BurstResult)):
         transfer, picture = picture.transfer, picture.image
-    encoded = EncodedImage.of(picture, transfer)
-    values = from_linear(encoded.linear(slice(None)), "srgb").clip(0.0, 1.0).astype(np.float64)
-    return values[..., 0] if values.shape[2] == 1 else values
+    return displayed(picture, transfer)

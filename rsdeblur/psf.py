@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import open_file
-from rsdeblur._util.one_line import html_with_picture, one_line
+from rsdeblur._util.one_line import html_with_pictures, one_line
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.motion.paths import BlurPaths
@@ -228,7 +228,7 @@ class PsfBank:
 
     def _repr_html_(self) -> str:
         """Return the representation and the kernels for a notebook."""
-        return html_with_picture(self, kernel_sheet(self))
+        return html_with_pictures(self, {"kernels": kernel_sheet(self)})
 
     def padded(self, size: tuple[int, int]) -> PsfBank:
         """Return the bank with kernels surrounded by zeros.

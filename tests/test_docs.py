@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(page for page in [*ROOT.glob("*.md"), *DOCS.rglob("*.md")] if "generated" not in page.parts)
 # Pages that follow each other, on the same files.
-WALKTHROUGH = ("tutorials/first-photo.md", "good-data.md", "tutorials/own-kernels.md")
+WALKTHROUGH = ("tutorials/logger-apps.md", "good-data.md", "tutorials/own-kernels.md")
 
 
 def commands(page: Path) -> list[str]:
@@ -57,9 +57,19 @@ def test_the_commands_of_the_walkthrough_work(tmp_path: Path, monkeypatch: pytes
         # A small picture does not determine the offset; tests/cli/test_commands.py has one that does.
         if not step.text.startswith("rsdeblur sync "):
             follow(step, "120x96")
-    assert {"mine.png", "map.png", "kernels.png"} <= {file.name for file in tmp_path.glob("shot/*")}
+    assert {"mine.png", "kernels.png", "report.html"} <= {file.name for file in tmp_path.glob("shot/*")}
     assert (tmp_path / "python.png").stat().st_size > 0
     assert rsdeblur.read_camera(tmp_path / "phone.toml").readout_time == 0.0056
+
+
+def test_the_first_page_finds_the_moment_of_its_photo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = DOCS / "tutorials/first-photo.md"
+    results = [CliRunner().invoke(main, shlex.split(line)[1:], catch_exceptions=False) for line in commands(page)]
+    assert [result.exit_code for result in results] == [0, 0]
+    found, printed = (re.findall(r"began (.*) s before", text) for text in (results[1].stdout, page.read_text("utf-8")))
+    # 5 ms are a tenth of the exposure: a trail that is shifted by so much is still nearly that of the photo.
+    assert [float(seconds) for seconds in found] == pytest.approx([float(printed[0])], abs=0.005)
 
 
 def test_the_page_of_many_photos_can_be_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

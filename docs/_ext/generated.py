@@ -13,7 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import click
+from docutils import nodes
 from docutils.nodes import Element
+from PIL import Image
+from pygments.lexers.shell import BashLexer
+from pygments.token import Name
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
@@ -207,10 +211,46 @@ def leave_out_of_search(app: Sphinx, doctree: Element) -> None:
         app.env.metadata[app.env.docname]["nosearch"] = True
 
 
+def link_gallery(app: Sphinx, page: str, source: list[str]) -> None:
+    """Link to the built gallery where pages link to its source, which a code host shows."""
+    source[0] = source[0].replace("(gallery/README.rst)", "(generated/gallery/index.rst)")
+
+
+def add_captions(app: Sphinx, doctree: Element) -> None:
+    """Show the description of each figure below it, unless a caption in italics follows."""
+    for image in list(doctree.findall(nodes.image)):
+        below = image.parent.next_node(descend=False, siblings=True)
+        is_alone = isinstance(image.parent, nodes.paragraph) and len(image.parent) == 1
+        if is_alone and image.get("alt") and not (below and isinstance(below[0], nodes.emphasis)):
+            caption = nodes.paragraph("", "", nodes.emphasis("", " ".join(image["alt"].split())))
+            image.parent.parent.insert(image.parent.parent.index(image.parent) + 1, caption)
+
+
+def crop_thumbnails(app: Sphinx) -> None:
+    """Replace the gallery's thumbnails of pictures side by side by the square in their middle, without their titles."""
+    for path in Path(app.srcdir).glob("generated/gallery/images/sphx_glr_*_001.png"):
+        with Image.open(path) as strip:
+            width, height = strip.size
+            side = round(0.85 * height)
+            if width > 2 * height:
+                square = strip.crop(((width - side) // 2, height - side, (width + side) // 2, height))
+                square.resize((280, 280)).save(path.parent / "thumb" / f"{path.stem[:-4]}_thumb.png")
+
+
+class ShellLexer(BashLexer):
+    """Shell commands whose options are one token each, so that narrow screens break lines before them."""
+
+    tokens = BashLexer.tokens | {"data": [(r"(?<=\s)--?[a-z][\w-]*", Name.Attribute), *BashLexer.tokens["data"]]}
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register with Sphinx."""
     app.connect("doctree-read", leave_out_of_search)
+    app.connect("doctree-read", add_captions)
+    app.connect("source-read", link_gallery)
     app.connect("builder-inited", write_pages)
+    app.connect("builder-inited", crop_thumbnails, priority=900)  # after the gallery has run
+    app.add_lexer("sh", ShellLexer)
     app.connect("autodoc-process-docstring", equations, priority=400)  # before numpydoc takes the sections apart
     app.connect("missing-reference", link)
     return {"parallel_read_safe": True}

@@ -61,6 +61,7 @@ def main() -> None:
     capture = taken()
     top, bottom = (170, 20), (170, 270)
     blurred = {"blurred": capture.blurred}
+    strip("before-after", {"shaken": capture.blurred, "after rsdeblur": sharp(capture.blurred)}, bottom)
     modes = {mode: sharp(capture.blurred, mode=mode, prior="tv") for mode in ("global", "banded", "rowwise")}
     strip("modes", blurred | modes, bottom)
     bands = {f"{n} band{'s' * (n > 1)}": sharp(capture.blurred, bands=n, strips=1, prior="tv") for n in (1, 3, 8)}

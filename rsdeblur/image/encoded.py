@@ -20,6 +20,7 @@ from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
 from rsdeblur.kernels.tone import look_up, to_srgb_levels
 from rsdeblur.motion.camera import Camera
+from rsdeblur.types import FloatArray
 
 # Rows converted or changed at a time, which bounds the memory: a conversion takes several arrays of that size.
 ROWS = 64
@@ -177,6 +178,13 @@ def check_size(shape: tuple[int, ...], camera: Camera) -> None:
     raise InputError(
         f"the picture is {width}x{height} px but the camera's is {camera.width}x{camera.height} px; {hint}"
     )
+
+
+def displayed(image: ArrayLike, transfer: Transfer | Auto) -> FloatArray:
+    """Return a picture as sRGB values in [0, 1], (H, W) or (H, W, 3), without alpha."""
+    light = EncodedImage.of(image, transfer).linear(slice(None))
+    values: FloatArray = from_linear(light, "srgb").clip(0.0, 1.0).astype(np.float64)
+    return values[..., 0] if values.shape[2] == 1 else values
 
 
 def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.float32], Camera]:

@@ -85,6 +85,11 @@ class Camera:
     InputError
         If a value is out of its range, `imu_to_camera` is not a rotation, or the distortion maps two directions to one
         pixel of the frame.
+
+    Warns
+    -----
+    RsdeblurWarning
+        If `focal_length` is one number that is probably in mm.
     """
 
     width: int
@@ -137,6 +142,9 @@ class Camera:
         put("distortion", values.coefficients(self.distortion_model, distortion))
         put("timestamp_marks", validate.choice("timestamp_marks", timestamp_marks, TIMESTAMP_MARKS))
         self._check_distortion()
+        # A camera that is derived from this one has a pair, and is not to warn again.
+        if np.ndim(focal_length) == 0 and (doubt := values.too_wide(self)) is not None:
+            warnings.warn(doubt, RsdeblurWarning, stacklevel=2)
 
     def __eq__(self, other: object) -> bool:
         return self._values() == other._values() if isinstance(other, Camera) else NotImplemented

@@ -182,8 +182,7 @@ def deblur(
     Warns
     -----
     RsdeblurWarning
-        If the focal length is so short that it is probably not in px, or `transfer` is "auto" and floats are multiples
-        of 1/255 or whole numbers beyond 1, as encoded values are.
+        If `transfer` is "auto" and floats are multiples of 1/255 or whole numbers beyond 1, as encoded values are.
 
     Examples
     --------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -11,20 +10,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur._util.one_line import html_with_picture, one_line
+from rsdeblur._util.one_line import html_with_pictures, one_line
 from rsdeblur._util.threads import beside
 from rsdeblur.choices import Chroma, Mode, Transfer
-from rsdeblur.errors import InputError, RsdeblurWarning
+from rsdeblur.errors import InputError
 from rsdeblur.estimate.check import QualityCheck, doubted_by
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.refine import Refinement, refine
-from rsdeblur.image.encoded import EncodedImage, check_size, result_like
+from rsdeblur.image.encoded import EncodedImage, check_size, displayed, result_like
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.image.undershoot import UndershootMeter
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.camera_values import too_wide
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
@@ -75,6 +73,8 @@ class DeblurResult:
         Error of the paths, px, that tiles make down the picture, because it is blurred otherwise within the height of a
         PSF; root mean square. It decides the mode "auto": above 0.1 px, rows are solved one by one. None where kernels
         were given.
+    blurred : ndarray or None
+        The input, not a copy; None for a burst.
     """
 
     image: NDArray[Any]
@@ -92,10 +92,15 @@ class DeblurResult:
     chroma: Chroma = "full"
     mode: Mode = "banded"
     tile_error: float | None = None
+    blurred: NDArray[Any] | None = field(default=None, repr=False)
 
     def _repr_html_(self) -> str:
-        """Return the representation and the kernels for a notebook."""
-        return html_with_picture(self, kernel_sheet(self.psfs))
+        """Return the representation, the pictures and the kernels for a notebook."""
+        pictures = {} if self.blurred is None else {"blurred": self.blurred}
+        pictures |= {"sharp": self.image}
+        step = max(1, max(self.image.shape) // 1000)  # decoding takes as long as the picture is large
+        shown = {name: displayed(picture[::step, ::step], self.transfer) for name, picture in pictures.items()}
+        return html_with_pictures(self, shown | {"kernels": kernel_sheet(self.psfs)})
 
 
 @one_line()
@@ -213,6 +218,7 @@ class Plan:
             chroma=chroma_of(self.options, bank.size, encoded.shape),
             mode=mode,
             tile_error=tile_errors(self.capture)[0] ** 0.5,
+            blurred=np.asarray(image),
         )
 
     def _encoded(self, image: ArrayLike) -> EncodedImage:
@@ -276,11 +282,6 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
     CoverageError, ClockError, GapError
         If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
 
-    Warns
-    -----
-    RsdeblurWarning
-        If the focal length is so short that it is probably not in px.
-
     Examples
     --------
     >>> import numpy as np
@@ -295,8 +296,6 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
     options = Options() if options is None else validate.instance("options", options, Options)
     if options.refine:
         raise InputError("refine=True needs a picture; call rsdeblur.refine first, and plan with its result")
-    if (doubt := too_wide(camera)) is not None:
-        warnings.warn(doubt, RsdeblurWarning, stacklevel=2)
     frame = ReadoutFrame(camera)
     capture = captured(frame, log, exposure, options)
     return Plan(frame, capture, with_mode(options, [capture]))

@@ -170,8 +170,7 @@ def test_the_timestamp_marks_what_the_camera_says(direction: str) -> None:
 @pytest.mark.parametrize(
     ("camera", "hint"),
     [
-        (Camera(4000, 3000, 4.7), "is it in mm?"),
-        (Camera(640, 480, 26), "is it in mm?"),
+        (Camera(4000, 3000, (4.7, 4.7)), "is it in mm?"),
         (Camera(640, 480, 30_000), "measured in a larger picture?"),
         (Camera(640, 480, 500, readout_time=18.0), "did you mean 18 ms?"),
     ],
@@ -179,6 +178,13 @@ def test_the_timestamp_marks_what_the_camera_says(direction: str) -> None:
 def test_mistakes_are_named(camera: Camera, hint: str) -> None:
     (doubt,) = doubts(camera)
     assert hint in doubt
+
+
+def test_a_focal_length_in_mm_warns_at_once() -> None:
+    with pytest.warns(RsdeblurWarning, match="is it in mm"):
+        camera = Camera(640, 480, 26)
+    # No second warning, which would be an error here.
+    assert camera.scaled(0.5).width == 320
 
 
 def test_ordinary_cameras_raise_no_doubt() -> None:
