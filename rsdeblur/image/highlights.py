@@ -60,9 +60,10 @@ SPOILED, LIT = 2, 0.03
 ITERATIONS = 8
 # Least divisor in units of light, and standard deviation of the Gaussian that smooths filled pixels, px.
 DARK, SMOOTH = 1e-3, 2.0
-# Share of a picture that glints cover at most by day. What is more are white things in the sun, which lose a little
-# (docs/developer/reliability.md).
-MOST_SPOTS = 2e-3
+# Share of a picture that small spots cover at most where they are a few lamps and glints. By day, more are white things
+# in the sun, which lose a little (docs/developer/reliability.md), and of these only the smallest are glints, up to the
+# second share.
+MOST_SPOTS, GLINTS = 5e-3, 1e-3
 # Median light of a picture below which it is dark: nights of lamps have 0.025, pictures by day 0.09 and more. Distance
 # of the rows and columns that are looked at.
 NIGHT, SPARSE = 0.05, 4
@@ -166,14 +167,17 @@ def small_spots(spots: list[Spot], bank: PsfBank) -> list[Spot]:
 
 
 def lights(spots: list[Spot], encoded: EncodedImage) -> list[Spot]:
-    """Return the spots that are lamps and glints rather than white things in the sun: the smallest, or all by night."""
+    """Return the spots that are lamps and glints rather than white things in the sun.
+
+    All of few, all by night, and the smallest of many by day.
+    """
     height, width, channels = encoded.shape
     by_size = sorted(spots, key=_area)
-    count = np.searchsorted(np.cumsum(list(map(_area, by_size))), MOST_SPOTS * height * width, "right")
-    if count == len(spots):
+    covered = np.cumsum(list(map(_area, by_size))) / (height * width)
+    if not spots or covered[-1] <= MOST_SPOTS:
         return spots
     some = EncodedImage(encoded.values[::SPARSE, ::SPARSE, :channels], encoded.transfer)
-    return spots if np.median(some.grey(slice(None))) < NIGHT else by_size[:count]
+    return spots if np.median(some.grey(slice(None))) < NIGHT else by_size[: np.searchsorted(covered, GLINTS, "right")]
 
 
 def _area(spot: Spot) -> int:

@@ -146,9 +146,9 @@ def deblur(
         "always" estimates the highlights behind clipped pixels, solves the picture without them and adds them to the
         result (:mod:`rsdeblur.image.highlights`). This leaves fewer streaks around lamps and takes 19 passes of a
         filter over boxes around them. It does not change the result of a picture without clipped highlights. "auto"
-        does so for the smallest clipped spots, up to 0.2 % of the picture, and for all where half of the picture has
-        less than 5 % of full light: by day, more of them are rather white things in the sun, which would lose detail.
-        With ``quality="fast"`` and `max_memory`, "auto" is "ignore".
+        does so where small clipped spots cover at most 0.5 % of the picture, or half of the picture has less than 5 %
+        of full light. By day, more of them are rather white things in the sun, which would lose detail: then it takes
+        the smallest, up to 0.1 %. With ``quality="fast"`` and `max_memory`, "auto" is "ignore".
     check : bool, default True
         Assess the result without a reference.
     fallback : bool, default False

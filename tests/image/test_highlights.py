@@ -110,17 +110,17 @@ def test_spots_are_at_full_scale_with_what_touches_it() -> None:
 
 
 def test_by_day_glints_count_beside_white_things(log: GyroLog) -> None:
-    """A lamp by day, and a white plate that is no larger than trails: the lamp is taken out, the plate is not."""
-    light = np.full((168, 200, 1), 0.3, dtype=np.float32)
-    light[60:62, 60:62] = 20
-    light[100:130, 110:160] = 1.5
-    picture = simulate(light, log, CAMERA, EXPOSURE).blurred.clip(0, 1)
+    """A glint, and a white plate that is no larger than trails: the glint is taken out, the plate is not."""
+    camera, light = Camera(400, 320, 180.0, readout_time=0.03), np.full((360, 440, 1), 0.3, dtype=np.float32)
+    light[120:122, 120:122] = 10
+    light[240:270, 260:310] = 1.5
+    picture = simulate(light, log, camera, EXPOSURE).blurred.clip(0, 1)
     auto, plain = (
-        deblur(picture, log, CAMERA, EXPOSURE, saturation=s, prior="wiener").image for s in ("auto", "ignore")
+        deblur(picture, log, camera, EXPOSURE, saturation=s, prior="wiener").image for s in ("auto", "ignore")
     )
-    assert auto[40:42, 40:42].max() > 3 > plain.max()
-    # The filter reaches this far with some millionths of the lamp.
-    np.testing.assert_allclose(auto[80:, 90:], plain[80:, 90:], atol=1e-4)
+    assert auto[96:106, 94:106].max() > 3 > plain.max()
+    # The filter reaches this far with some millionths of the glint.
+    np.testing.assert_allclose(auto[200:, 220:], plain[200:, 220:], atol=1e-4)
 
 
 def test_overexposed_daylight_is_harmed_little(log: GyroLog) -> None:
