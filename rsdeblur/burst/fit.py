@@ -19,14 +19,10 @@ from rsdeblur.types import Float32Array
 # Standard deviations in px of the smoothing, and half widths of the windows as shares of the shorter side, from coarse
 # to fine. The first window is the whole picture.
 LEVELS = ((8.0, None), (4.0, 1 / 4), (2.0, 1 / 8), (1.0, 1 / 12))
-# Newton steps per level.
-STEPS = 3
 # Standard deviation of the shift from that of the coarser level, px: windows that do not prove a shift keep that one.
 SHIFT_DEVIATION = 0.5
 # Gains are measured where the reference has this share of its mean brightness, and are limited.
 LEAST_BRIGHT, MOST_GAIN = 0.2, 1e3
-# Half width of the window over which the misfit is averaged, px.
-MISFIT_RADIUS = 6
 # Errors of the shift itself, px.
 SHIFT_ERROR = 0.2
 # Differences of brightness as a share of it: vignetting, flicker, the camera's own processing.
@@ -62,7 +58,7 @@ def fit_frame(
     """
     shift, gain = _residual_shift(frame, reference, known, blur)
     misfit, slope = np.square(sampled(frame, shift) / np.float32(gain) - reference), _slope(reference)
-    mean = _window_mean(MISFIT_RADIUS)
+    mean = _window_mean(6)  # half width, px
     share = np.maximum(mean(known), 1e-6)
     least = noise + (path_error + SHIFT_ERROR**2) * mean(slope * known) / share
     least = least + np.square(GAIN_ERROR * mean(reference))
@@ -94,7 +90,7 @@ def _residual_shift(
         # Differences are alike over an area, so a window counts as so many times fewer pixels.
         alike = 4 * np.pi * (smoothing**2 + blur) / step**2
         prior = step**2 / (max(1.0, count / alike) * SHIFT_DEVIATION**2)
-        for _ in range(STEPS):
+        for _ in range(3):  # Newton steps
             moved = sampled(there, shift)
             gain = _gain(here, moved, known[::step, ::step])
             moved /= np.float32(gain)

@@ -21,8 +21,6 @@ from rsdeblur.tuning.noise import noise_level
 from rsdeblur.tuning.strength import Tuning
 from rsdeblur.types import Float32Array, FloatArray, FloatImage
 
-# Longer side of the pictures that are compared, px, to within the rounding of a whole factor.
-SIDE = 640
 # Distance in px between the points whose places are traced; between them, interpolation errs by less than 0.01 px for
 # shifts of up to 100 px.
 NODE_STEP = 16
@@ -30,8 +28,6 @@ NODE_STEP = 16
 ROUNDING = 0.01
 # Rows beyond a part that the spline of its pixels depends on: it decays by 0.43 from row to row.
 SPLINE_ROWS = 16
-# Bands and strips in which equally blurred pictures are computed.
-FIT_TILES = 8, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,8 +80,8 @@ class BurstFrame:
 
     @cached_property
     def factor(self) -> int:
-        """Whole factor by which pictures are reduced for the comparison."""
-        return max(1, round(max(self.encoded.shape[:2]) / SIDE))
+        """Whole factor by which pictures are reduced for the comparison, to about 640 px."""
+        return max(1, round(max(self.encoded.shape[:2]) / 640))
 
     @cached_property
     def grey(self) -> Float32Array:

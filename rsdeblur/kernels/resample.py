@@ -20,8 +20,6 @@ from rsdeblur.types import FloatImage
 ORDER: Final = 5
 # Poles of the filter from pixels to coefficients: roots of z^4 + 26 z^3 + 66 z^2 + 26 z + 1 within the unit circle.
 POLES: Final = (np.float32(-0.43057534709997825), np.float32(-0.043096288203264653))
-# Terms of the sums over mirrored values: 0.43^24 is less than the rounding of single precision.
-HORIZON: Final = 24
 # Values of a row that are filtered along the columns together, and rows that are filtered together.
 BLOCK: Final = 256
 TOGETHER: Final = 16
@@ -110,10 +108,10 @@ def _filter(lines):
         return
     for pole in POLES:
         gain = (np.float32(1.0) - pole) * (np.float32(1.0) - np.float32(1.0) / pole)
-        # Sums over the mirrored values, the first one counted last; further values are below single precision.
+        # Sums over the mirrored values, the first one counted last; 0.43^24 is less than the rounding of float32.
         start = np.zeros(m, np.float32)
         power = np.float32(1.0)
-        for n in range(HORIZON):
+        for n in range(24):
             row = lines[_mirror(n, last + 1)]
             for k in range(m):
                 start[k] += power * row[k]
