@@ -9,8 +9,7 @@ import numpy as np
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share, share_map, thread_count
-from rsdeblur.burst.fit import FrameFit
-from rsdeblur.burst.frames import BurstFrame, reduced_bank
+from rsdeblur.burst.frames import BurstFrame, FrameFit, reduced_bank
 from rsdeblur.choices import Auto
 from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.motion.alignment import Alignment

@@ -36,8 +36,7 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.camera_values import MOST_PIXELS
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.row_poses import RowPoses
-from rsdeblur.motion.track import OrientationTrack
+from rsdeblur.motion.track import OrientationTrack, RowPoses
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 

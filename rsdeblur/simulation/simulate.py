@@ -19,7 +19,7 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
-from rsdeblur.kernels.warp import average_warps
+from rsdeblur.kernels.resample import average_warps
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
