@@ -23,14 +23,9 @@ MOST_SECONDS = 1e12
 # float32.
 MOST_STRENGTH = 1e20
 
-# Memory that intermediate results may take, in bytes: twenty times what automatic choices need for a photo of 12
-# megapixels, and some for small pictures.
-MEMORY, MEMORY_PER_PIXEL = 8 * 2**30, 1024
 
 # Most values of a picture: 500 megapixels of four channels.
 MOST_VALUES = 2_000_000_000
-# Largest standard deviation of lens, pixels and demosaicing, px. The window by which rows are drawn holds four of it.
-MOST_SOFTNESS = 1.0
 
 # Functions that read an object from a file, for those who pass the path of the file.
 READERS = {"GyroLog": "rsdeblur.read_gyro", "Camera": "rsdeblur.read_camera", "PsfBank": "rsdeblur.PsfBank.load"}
@@ -143,8 +138,9 @@ def exponent(value: Any) -> float:
 
 
 def softness(value: Any) -> float:
-    """Return a standard deviation of lens, pixels and demosaicing in px, which must be from 0 to `MOST_SOFTNESS`."""
-    return finite("softness", value, minimum=0.0, maximum=MOST_SOFTNESS)
+    """Return a standard deviation of lens, pixels and demosaicing in px, which must be from 0 to 1."""
+    # The window by which rows are drawn holds four of the largest.
+    return finite("softness", value, minimum=0.0, maximum=1.0)
 
 
 def count(name: str, value: Any, *, minimum: int = 1, maximum: int | None = None) -> int:
@@ -292,7 +288,8 @@ def bounded(name: str, light: NDArray[Any]) -> None:
 
 def memory(what: str, size: int, pixels: int) -> None:
     """Raise `InputError` if something takes more bytes than the size of the picture justifies."""
-    if size > MEMORY + MEMORY_PER_PIXEL * pixels:
+    # Twenty times what automatic choices need for a photo of 12 megapixels, and some for small pictures.
+    if size > 8 * 2**30 + 1024 * pixels:
         raise InputError(
             f"{what} would take {size / 2**30:.0f} GiB; use fewer bands and strips, a larger nsr or a shorter blur"
         )

@@ -9,8 +9,7 @@ import numpy as np
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share, share_map, thread_count
-from rsdeblur.burst.fit import FrameFit
-from rsdeblur.burst.frames import FIT_TILES, BurstFrame, reduced_bank
+from rsdeblur.burst.frames import BurstFrame, FrameFit, reduced_bank
 from rsdeblur.choices import Auto
 from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.motion.alignment import Alignment
@@ -25,14 +24,12 @@ from rsdeblur.tuning.strength import PATH_ERROR, BlurSpectra, Tuning
 # A frame whose mean weight over the reference's detail is less contributes nothing: its motion or its scene is another.
 LEAST_SUPPORT = 0.5
 # Least variance of a frame that may be the reference, as a share of that of the middle one (a quarter of the light has
-# a sixteenth), and the rows and columns of which one is measured.
-LEAST_VARIANCE, STEP = 0.01, 4
+# a sixteenth).
+LEAST_VARIANCE = 0.01
 # Weight of the data of other frames in the choice of the reference: the errors of two motions are in them.
 OTHERS = 0.5
 # Share of the least further error of any frame that is the reference's own; the rest is that of its alignment.
 OWN = 0.5
-# Most frames measured at a time: one of 12 megapixels takes 0.16 GiB.
-TOGETHER = 4
 # Error of the paths as a share of the PSF's radius, where the least blurred frame of a burst is chosen, before other
 # frames show how large the errors are: real motion errs by that much.
 FRAME_ERROR_SHARE = 0.03
@@ -43,7 +40,7 @@ RESAMPLING_ERROR = 0.25
 
 def measured(splits: Sequence[HighlightSplit], captures: Sequence[Capture], options: Options) -> list[Tuning]:
     """Measure each frame on its own; threads share the frames."""
-    threads = min(TOGETHER, thread_count(options.threads))
+    threads = min(4, thread_count(options.threads))  # a frame of 12 megapixels takes 0.16 GiB
     return share_map(lambda n: _measured(splits[n], captures[n], options), range(len(splits)), threads)
 
 
@@ -91,7 +88,7 @@ def aligned(
         candidates, errors = [int(reference)], np.ones(len(splits))
     else:
         # A frame of a covered lens expects no error, because it shows nothing; it is no reference.
-        variances = np.array([split.remainder(slice(None), STEP).var() for split in splits])
+        variances = np.array([split.remainder(slice(None), step=4).var() for split in splits])
         faint = variances < LEAST_VARIANCE * np.median(variances)
         energy = float(np.mean([tunings[n].energy for n in np.flatnonzero(~faint).tolist()]))
         errors = np.array([restoration_error(tuning, energy) for tuning in tunings])
@@ -124,7 +121,8 @@ def _fitted(
     ]
     reference = frames[index]
     height, width, _ = reference.encoded.shape
-    rows, cols = (tile_centres(min(tiles, n), n) for tiles, n in zip(FIT_TILES, (height, width), strict=True))
+    # Equally blurred pictures are computed in 8 bands and 4 strips.
+    rows, cols = tile_centres(min(8, height), height), tile_centres(min(4, width), width)
     report = clock.within("align")
     banks = share_map(lambda frame: reduced_bank(frame.alignment.paths(rows, cols), reference.factor), frames, threads)
     fits: dict[int, FrameFit] = {}

@@ -143,9 +143,8 @@ class ClipModel:
         return np.stack([there - here for there in moved], axis=-1)
 
 
-# Points are weighted down from about this many standard deviations (Cauchy, 95 % efficient for Gaussian errors), and
-# pairs are left out whose shared errors exceed this many.
-CAUCHY, OUTLYING = 2.385, 6.0
+# Pairs are left out whose shared errors exceed this many standard deviations.
+OUTLYING = 6.0
 # Least standard deviation of a point, px: no tracker is better.
 LEAST_NOISE = 0.02
 # Windows on one thing err alike in all frames that show it, and so do neighbouring windows. Over 24 simulated clips,
@@ -155,8 +154,8 @@ TEXTURE = 2.0
 # shift of a near scene, as from a driving car, passes for a bias. A prior that pulled small biases to 0 would leave
 # them to the shared errors.
 USUAL_BIAS, BEYOND_SD = 0.06, 0.02
-# Largest correlation of the shared errors of neighbouring pairs, and pairs over which others last, about 0.1 s.
-MOST_CORRELATION, LAG = 0.99, 4
+# Pairs over which errors are correlated, about 0.1 s.
+LAG = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +188,8 @@ class PairErrors:
         for _ in range(3):
             # Standard deviation of a point, px. Its variance is noise^2 / weight, with weights (n,).
             self.noise = max(float(np.median(np.abs(own))) / MEDIAN, LEAST_NOISE)
-            self.weights = 1.0 / (1.0 + (np.linalg.norm(own, axis=1) / (CAUCHY * self.noise)) ** 2)
+            # Cauchy's weights: with 2.385, 95 % efficient for Gaussian errors.
+            self.weights = 1.0 / (1.0 + (np.linalg.norm(own, axis=1) / (2.385 * self.noise)) ** 2)
             shared, variances = self._shared(residuals)
             own = residuals - np.einsum("nim,nm->ni", self.modes, shared[pair])
         typical = np.median(shared[keep] ** 2, axis=0) / MEDIAN**2
@@ -242,7 +242,7 @@ def _correlations(times: FloatArray, shared: FloatArray, variances: FloatArray, 
     power = shared**2 - variances
     power = 0.5 * (power[1:] + power[:-1])[near].sum(axis=0)
     ratio = np.divide(products, power, out=np.zeros(4), where=power > 0)
-    correlations[1:] = ratio.clip(0.0, MOST_CORRELATION) ** steps[:, None]
+    correlations[1:] = ratio.clip(0.0, 0.99) ** steps[:, None]  # below 1, so that the matrix has an inverse
     return correlations
 
 

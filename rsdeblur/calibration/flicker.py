@@ -19,10 +19,8 @@ from rsdeblur.errors import InputError
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.types import FloatArray
 
-# Strips that must agree on the phase of the bands.
-STRIPS = 16
-# Bands in the picture: fewer look like the scene's own shading, more need a readout of over 0.4 s.
-FEWEST, MOST, STEP = 1.5, 40.0, 0.02
+# Least number of bands in the picture: fewer look like the scene's own shading.
+FEWEST = 1.5
 # Least share of the bands' power that the strips have in common, and least share of all changes that bands explain.
 COHERENT, EXPLAINED = 0.9, 0.5
 # Smallest side of a picture in px.
@@ -57,7 +55,8 @@ def measure_flicker(
     stack = np.array(profiles)
     if len(stack) > 1:
         stack -= stack.mean(axis=0)
-    bands = np.arange(FEWEST, min(MOST, stack.shape[-1] / 8), STEP)
+    # More than 40 bands need a readout of over 0.4 s.
+    bands = np.arange(FEWEST, min(40.0, stack.shape[-1] / 8), 0.02)
     found = np.array([_explained(stack, count) for count in bands])
     at = int(found[:, 0].argmax())
     peak, (explained, share) = float(bands[at]), found[at].tolist()
@@ -78,7 +77,8 @@ def _profiles(image: ArrayLike, horizontal: bool, transfer: Transfer | Auto) -> 
     light = light.T if horizontal else light
     if min(light.shape) < SMALLEST:
         raise InputError(f"a picture for measuring the flicker must have sides of at least {SMALLEST} px")
-    strips = np.array([part.mean(axis=1) for part in np.array_split(light, STRIPS, axis=1)], dtype=np.float64)
+    # Strips must agree on the phase of the bands.
+    strips = np.array([part.mean(axis=1) for part in np.array_split(light, 16, axis=1)], dtype=np.float64)
     # Darker light does not count, so that its logarithm does not diverge.
     return _without_shading(np.log(np.maximum(strips, 0.01)))
 

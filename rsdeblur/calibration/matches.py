@@ -27,12 +27,10 @@ from rsdeblur.types import Float32Array, FloatArray, Progress
 
 # Frames further apart than this are not matched, s. With fewer matches, a pair of frames does not count.
 LONGEST_STEP, LEAST_MATCHES = 0.6, 12
-# Longer side of the reduced frame, px, to within the rounding of a whole factor.
-SIDE = 640
 # Half side of a window, px: wide enough to see two directions in blurred frames.
 RADIUS = 10
-# Cells along the longer side of the frame; the best corner of each is followed, if it is this share of the typical one.
-CELLS, LEAST_CORNER = 11, 0.05
+# The best corner of each cell is followed if it is this share of the typical one.
+LEAST_CORNER = 0.05
 # Largest distance, px of the reduced frame, by which a point followed there and back may miss its origin.
 RETURN = 0.5
 
@@ -69,7 +67,7 @@ class ReducedFrame:
     """A frame, brightness of any scale (H, W), reduced by a whole factor, with its pyramid."""
 
     def __init__(self, grey: NDArray[np.floating]) -> None:
-        self.factor = max(1, round(max(grey.shape) / SIDE))
+        self.factor = max(1, round(max(grey.shape) / 640))  # whole, to about 640 px
         height, width = (side - side % self.factor for side in grey.shape)
         reduced = downscale_local_mean(grey[:height, :width], self.factor).astype(np.float32)
         self.levels: list[Float32Array] = [ndimage.gaussian_filter(reduced, 1.0)]
@@ -80,7 +78,8 @@ class ReducedFrame:
     def corners(self) -> FloatArray:
         """Return the best corner of each cell, shape (n, 2), (x, y) in px of the reduced frame."""
         strength = corner_shi_tomasi(self.levels[0], sigma=RADIUS / 3)[RADIUS:-RADIUS, RADIUS:-RADIUS]
-        rows, cols = np.indices(strength.shape) // max(RADIUS, -(-max(strength.shape) // CELLS))
+        # The longer side has 11 cells.
+        rows, cols = np.indices(strength.shape) // max(RADIUS, -(-max(strength.shape) // 11))
         cells = rows * (1 + cols.max()) + cols
         places = np.array(ndimage.maximum_position(strength, cells, np.unique(cells)))
         best = strength[tuple(places.T)]

@@ -36,8 +36,8 @@ from rsdeblur.types import FloatArray, Progress
 LEAST_PHOTOS, MOST_SEARCH = 3, 1.0
 # How uncertain a camera's start values are.
 START = Uncertainty(scale=0.3, offset=0.015, readout=0.5, roll=0.01, acceleration=0.0)
-# Step of the offsets with which mountings are compared, s, and the number of mountings that are then fitted.
-STEP, FITTED = 8e-3, 4
+# Number of the best mountings that are fitted.
+FITTED = 4
 # Readout times and changes of the middle row's time from which the fit of each direction may begin, s.
 READOUTS, BESIDE = (8e-3, 20e-3), (-10e-3, -5e-3, 0.0, 5e-3, 10e-3)
 # Least lead of a mounting over any other one, nats over all photos.
@@ -242,7 +242,7 @@ class _Photos:
         """Return the start with the likeliest mountings, each with its likeliest offset, the likeliest first."""
         self._progress("search", 0.0)
         start = self._start
-        offsets = start.time_offset + np.linspace(*search, int(np.ceil((search[1] - search[0]) / STEP)) + 1)
+        offsets = start.time_offset + np.linspace(*search, int(np.ceil((search[1] - search[0]) / 8e-3)) + 1)
         every = {(matrix + 0.0).tobytes(): matrix for matrix in (*rotations(), start.imu_to_camera)}.values()
         pairs = product(every, offsets.tolist())
         ranked = self._ranked([replace(start, imu_to_camera=matrix, time_offset=time) for matrix, time in pairs])

@@ -13,8 +13,8 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.types import FloatArray
 
-# Resamplings for a confidence, and the least confidence.
-RESAMPLES, CONFIDENT = 200, 0.95
+# Least confidence.
+CONFIDENT = 0.95
 # Name of a mounting whose axes are not parallel to the camera's.
 OBLIQUE = "of the start"
 
@@ -106,7 +106,7 @@ def confidence(leads: FloatArray, least: float) -> float:
     Leads (rivals, observations) over each rival, and the least one, are in nats.
     """
     count = leads.shape[1]
-    draws = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), RESAMPLES)
+    draws = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), 200)
     return float(np.mean((leads @ draws.T).min(axis=0, initial=np.inf) > least))
 
 

@@ -27,11 +27,8 @@ Decorator = Callable[[Function], Function]
 RECORDING, OUTPUT = "Recording", "Output"
 # Sections of the help in their order; options of a command's own come first.
 SECTIONS = ("Options", RECORDING, BLUR, SOLVER, COMPUTING, OUTPUT)
-# Options of a command from which on its help lists only the basic ones; key of the context's `meta` that lists all.
-MOST, ALL = 15, "rsdeblur.all"
-# Default number of threads in a process: with many, most would wait while the process reads or writes a file. Memory of
-# the machine for each process with fewer threads, bytes.
-THREADS, PROCESS_MEMORY = 2, 2**31
+# Key of the context's `meta` that lists all options.
+ALL = "rsdeblur.all"
 # Why options are refused.
 ONE_OF_MANY = "is one moment, but each photo has its own; leave it out"
 FOR_PHOTOS = "is for photos; the frames of a video are counted from its first one"
@@ -100,7 +97,7 @@ class Command(click.Command):
 
     @property
     def _has_many(self) -> bool:
-        return len(self.params) > MOST
+        return len(self.params) > 15
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the basic options, or all in sections."""
@@ -322,12 +319,13 @@ def jobs_option(what: str, default: str) -> Decorator:
 def shared_threads(jobs: int | None, threads: int | None, *, tasks: int | None = None) -> tuple[int, int]:
     """Return the number of processes and of threads in each: as given, else so that they use all cores.
 
-    For a known number of small `tasks` there are as many processes as there are cores, tasks and memory for.
+    For a known number of small `tasks` there are as many processes as there are cores, tasks and 2 GiB of memory for.
     """
     cores = rs.thread_count(None)
     if tasks is not None:
-        jobs = jobs or max(1, min(cores // (threads or 1), tasks, _memory() // PROCESS_MEMORY))
-    jobs = jobs or max(1, cores // (threads or THREADS))
+        jobs = jobs or max(1, min(cores // (threads or 1), tasks, _memory() // 2**31))
+    # With more than two threads, most would wait while the process reads or writes a file.
+    jobs = jobs or max(1, cores // (threads or 2))
     return jobs, threads or max(1, cores // jobs)
 
 

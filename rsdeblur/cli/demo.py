@@ -22,7 +22,6 @@ from rsdeblur.cli._types import SIZE
 from rsdeblur.cli.compare import REPORT, compare_modes, output_names
 from rsdeblur.pipeline.options import Options
 
-FOCAL = 1.1  # picture widths: a phone's main camera sees about 50 degrees
 FOCAL35 = 26  # mm, of the photos of a camera app
 LOG, CAPTURES, MOVIE = "gyro_accel.csv", "movie_metadata.csv", "movie.mp4"
 CAPTURE_LOG, UNIX_LOG, LOGGED = "gyro.csv", "Gyroscope.csv", (LOG, CAMERA, CAPTURES)
@@ -138,7 +137,8 @@ def simulated(kind: str, size: tuple[int, int], seed: int) -> tuple[rs.GyroLog, 
     exposures = [rs.Exposure(0.0, float(session.duration), session.epoch_ns + round(1e9 * time)) for time in times]
     length = 2 * session.start + float(session.frames * session.interval)
     shake = rs.hand_shake(length, strength=session.strength, seed=seed)
-    focal = FOCAL35 / rs.FILM_DIAGONAL * math.hypot(width, height) if kind == "stock-camera" else FOCAL * width
+    # Others see about 50 degrees, like a phone's main camera.
+    focal = FOCAL35 / rs.FILM_DIAGONAL * math.hypot(width, height) if kind == "stock-camera" else 1.1 * width
     # The apps log in phone axes.
     axes: dict[str, Any] = {} if kind == "capture" else {"imu_to_camera": "phone-landscape"}
     camera = rs.Camera(width, height, focal, readout_time=session.readout, **axes)

@@ -28,9 +28,6 @@ from rsdeblur.deconv.tiling import Tile, Tiling, fade
 from rsdeblur.kernels import lines, spectral
 from rsdeblur.types import ComplexArray, Float32Array, Int32Array
 
-# Picture rows per block: so many that they and their spectrum fill these bytes, within a second-level cache of 1 to 2
-# MB. With more rows than the most, small pictures have too few blocks for many threads.
-ROW_BYTES, LEAST_ROWS, MOST_ROWS = 800_000, 16, 64
 # Columns per block: two cache lines of complex values. A slab holds one band of a block of columns; so many bytes of
 # slabs are transformed together.
 COLUMNS = 16
@@ -232,6 +229,7 @@ class _Worker:
 
 def _rows_per_block(values: int) -> int:
     """Return the rows per block if a row has so many values, of all channels."""
-    # A value takes 4 bytes, and so does its share of the spectrum.
-    rows = ROW_BYTES // (8 * values) // LEAST_ROWS * LEAST_ROWS
-    return max(LEAST_ROWS, min(rows, MOST_ROWS))
+    # A value takes 4 bytes, and so does its share of the spectrum. Together they fill 800 kB, within a second-level
+    # cache of 1 to 2 MB. With more than 64 rows, small pictures have too few blocks for many threads.
+    rows = 800_000 // (8 * values) // 16 * 16
+    return max(16, min(rows, 64))

@@ -20,8 +20,6 @@ from rsdeblur.types import ComplexArray, Float32Array
 
 # Columns transformed together: 128 KB to 1 MB, within a second-level cache.
 COLUMNS = 64
-# Share by which the transform of a fine grid may be longer than needed, so that FFTW is fast.
-EXCESS = 0.1
 
 
 class Gains(NamedTuple):
@@ -157,7 +155,7 @@ def _path_gains(softness: float, size: tuple[int, int], lengths: tuple[int, int]
 def _grid_points(size: tuple[int, int], lengths: tuple[int, int]) -> tuple[int, int]:
     """Return the points of a fine grid over a tile that holds paths of up to `size` px with the window around them."""
     down, across = (
-        fast_length(int(np.ceil(max(OVERSAMPLING, (WIDTH + 3) / (n - kernel + 1)) * n)), excess=EXCESS)
+        fast_length(int(np.ceil(max(OVERSAMPLING, (WIDTH + 3) / (n - kernel + 1)) * n)), excess=0.1)
         for kernel, n in zip(size, lengths, strict=True)
     )
     return down, across

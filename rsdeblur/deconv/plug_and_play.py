@@ -28,8 +28,6 @@ from rsdeblur.deconv.priors import LEAST_PEAK, TO_PICTURE, QuadraticSolver, brig
 from rsdeblur.errors import InputError
 from rsdeblur.types import Denoiser, FloatImage
 
-# Steps, and the first sigma where the bright parts of the picture have the value 1. Zhang et al. use both.
-STEPS, COARSEST = 8, 49 / 255
 # The weight is this multiple of the variance of the noise, as in Zhang et al. With 0.15 some results are
 # better, and others keep their noise.
 WEIGHT_OF_VARIANCE = 0.23
@@ -96,9 +94,10 @@ class PlugAndPlayPrior:
     def sigmas(self) -> list[float]:
         """Standard deviations of the noise that the steps remove, falling evenly in their logarithm."""
         peak = 1.0 if self.peak is None else self.peak
-        first = COARSEST * max(peak, LEAST_PEAK)
+        # Zhang et al. use eight steps, and this first sigma where the bright parts of the picture have the value 1.
+        first = 49 / 255 * max(peak, LEAST_PEAK)
         last = min(np.sqrt(self.weight / WEIGHT_OF_VARIANCE), LEAST_FALL * first)
-        return [float(sigma) for sigma in np.geomspace(first, last, STEPS)]
+        return [float(sigma) for sigma in np.geomspace(first, last, 8)]
 
     def _denoised(self, latent: FloatImage, sigma: float) -> FloatImage:
         grey = latent.shape[2] == 1

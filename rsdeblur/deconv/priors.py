@@ -48,8 +48,6 @@ MOST_STRENGTH = 1e3
 BRIGHTEST, LEAST_PEAK = 99.9, 1e-3
 # The splitting ends when a step changes the picture by less than this share of its norm.
 TOLERANCE = 1e-4
-# Values that a thread shrinks at a time: few enough that threads finish together.
-VALUES = 150_000
 
 
 class Coupling(NamedTuple):
@@ -382,7 +380,8 @@ def _extrapolate(before: FloatImage, after: FloatImage, ahead: np.float32, threa
 def _blocks(latent: FloatImage) -> range:
     """Return the first rows of the blocks that threads share, which have as many rows as its step."""
     height, width, channels = latent.shape
-    return range(0, height, max(1, VALUES // (width * channels)))
+    # So few values at a time that threads finish together.
+    return range(0, height, max(1, 150_000 // (width * channels)))
 
 
 def threshold(exponent: float) -> float:

@@ -21,7 +21,7 @@ from rsdeblur.deconv.hybrid import COLUMNS
 from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, LatentPrior, check_prior
 from rsdeblur.deconv.wiener import LEAST_MARGIN, TileFilter
 from rsdeblur.errors import InputError
-from rsdeblur.kernels.normal import add_normal, solve_normal
+from rsdeblur.kernels.spectral import add_normal, solve_normal
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, Float32Array, FloatImage
 

@@ -21,16 +21,8 @@ from rsdeblur.types import Float32Array
 # Norm of the residual as a share of that of the right-hand side. The error against the direct solve is then 60 dB below
 # the picture, after some 9 steps for PSFs of any height (docs/developer/decisions.md).
 TOLERANCE = 1e-3
-MOST_STEPS = 60
 # Distance between slabs in heights of the tallest PSF. A smaller one hardly saves steps.
 SLAB_PITCH = 2.0
-
-# Predicted time for a block of 16 frequencies, measured with AVX-512. A factorisation costs FACTOR_COST seconds per
-# latent row and squared height of its coupling. Conjugate gradients take STEPS steps; each costs, per latent row and
-# channel, STEP_COST seconds and STEP_COST_PER_ROW seconds per row of the coupling's height.
-FACTOR_COST = 1e-9
-STEPS = 9
-STEP_COST, STEP_COST_PER_ROW = 8e-7, 6e-9
 
 
 class NormalEquations:
@@ -113,8 +105,10 @@ def _bent(vector: Float32Array) -> Float32Array:
 def is_faster(model: RowModel, channels: int, frames: int = 1) -> bool:
     """Return whether conjugate gradients are predicted to take less time than a factorisation."""
     heights = rowwise.BLOCK * (np.arange(len(model.coupled)) - model.coupled + 1.0)
-    factor = FACTOR_COST * np.square(heights).mean()
-    return bool(STEPS * channels * (STEP_COST + STEP_COST_PER_ROW * frames * heights.mean()) < factor)
+    # Seconds per latent row for a block of 16 frequencies, measured with AVX-512. A factorisation's grow with the
+    # squared height of its coupling. Each of nine steps has some for a channel, and some for each row of that height.
+    factor = 1e-9 * np.square(heights).mean()
+    return bool(9 * channels * (8e-7 + 6e-9 * frames * heights.mean()) < factor)
 
 
 def conjugate_gradients(
@@ -130,7 +124,7 @@ def conjugate_gradients(
     enough = TOLERANCE**2 * _dot(right, right)
     direction = correction = precondition(rest)
     gain = _dot(rest, correction)
-    for _ in range(MOST_STEPS):
+    for _ in range(60):
         image = multiply(direction)
         step = _ratio(gain, _dot(direction, image))
         solution += step * direction

@@ -32,7 +32,7 @@ from rsdeblur.deconv.priors import Coupling
 from rsdeblur.deconv.quadratic import NormalSums, TileQuadratic
 from rsdeblur.deconv.tiling import WHOLE_EXCESS
 from rsdeblur.kernels import spectral
-from rsdeblur.kernels.normal import add_normal
+from rsdeblur.kernels.spectral import add_normal
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, FloatImage
 

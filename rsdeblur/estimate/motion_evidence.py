@@ -31,8 +31,6 @@ MOST_NATS = 10.0
 # The picture is reduced at least so often, because cameras denoise and sharpen the finest detail, and until the blur is
 # at most so long, px.
 LEAST_REDUCTION, REDUCED_BLUR = 2.0, 16.0
-# Most tiles along each axis of the picture.
-MOST_TILES = 6
 # Least standard deviation of the tiles over that of their noise; with less there is no detail to compare.
 LEAST_DETAIL = 2.0
 # Side of a tile with the pixel before it, which its first differences need, px.
@@ -237,8 +235,8 @@ def _reduced(encoded: EncodedImage) -> NDArray[np.float32]:
 
 
 def _spread(length: int) -> NDArray[np.intp]:
-    """Return the first pixels of cells that are spread over `length` px and overlap by half at most."""
-    count = min(MOST_TILES, 2 * length // CELL - 1)
+    """Return the first pixels of at most six cells that are spread over `length` px and overlap by half at most."""
+    count = min(6, 2 * length // CELL - 1)
     return np.round(np.linspace(0, length - CELL, count)).astype(np.intp)
 
 

@@ -21,10 +21,9 @@ from rsdeblur.types import FloatArray
 OTHER_AXES = "other axes of the gyro explain the picture as well: are imu_to_camera and the readout direction right?"
 # Nats by which a correction must be likelier than the best one with other axes: those of a number.
 AHEAD_OF_AXES = NATS_PER_NUMBER
-# Clock offsets with which all mountings are compared by the spectra, standard deviations. The likeliest mountings are
-# fitted, with these parameters free, and compared by the sharp picture: there, and at those offsets that are not
-# hopeless, because the fit knows the spectra alone.
-OFFSETS = (-WIDEST, -WIDEST / 2, 0.0, WIDEST / 2, WIDEST)
+# All mountings are compared by the spectra at some clock offsets. The likeliest mountings are fitted, with these
+# parameters free, and compared by the sharp picture: there, and at those offsets that are not hopeless, because the fit
+# knows the spectra alone.
 FREE = ("scale", "offset")
 # Likeliest mountings, or clock offsets, that are fitted.
 FITTED = 4
@@ -39,7 +38,8 @@ def rival_lead(score: Score, found: Sequence[Recording]) -> float:
     lengths = [each.capture().mean_length for each in found]
     traced = [photo.streaks.nats(each) for photo, each in zip(photos, found, strict=True)]
     steps = score.posterior.directions(["offset"])
-    places = [score.nothing + offset * steps[0] for offset in OFFSETS] if steps else [score.nothing]
+    shares = (-1.0, -0.5, 0.0, 0.5, 1.0)
+    places = [score.nothing + share * WIDEST * steps[0] for share in shares] if steps else [score.nothing]
     free = [name for name in FREE if name in score.posterior.free]
 
     def tried(turn: FloatArray) -> tuple[Posterior, list[float]]:

@@ -40,8 +40,8 @@ SIDE = 640
 # Tiles along both axes that are compared, and the length over which their opposite ends fade into each other: in PSF
 # sizes, and at most as a share of the picture.
 TILES, FADE, MOST_FADE = (6, 4), 5.0, 0.3
-# Tiles of the whole solve, and the border that is not compared, px.
-WHOLE_TILES, FRAME = (8, 4), 16
+# Border that is not compared, px.
+FRAME = 16
 # Gradients below this count as zero.
 FAINTEST = 1e-9
 # Penalties of the steps of total variation, which do not extrapolate: more steps distinguish motions no better.
@@ -160,7 +160,7 @@ class WholeSharpness:
         self._nsr, self._prior = tuning.border_error, DerivativePrior("tv", tuning.weight("tv", 1.0))
 
     def _bank(self, recording: Recording) -> PsfBank:
-        rows, cols = (tile_centres(n, size) for n, size in zip(WHOLE_TILES, self._light.shape, strict=False))
+        rows, cols = tile_centres(8, self._light.shape[0]), tile_centres(4, self._light.shape[1])
         paths = BlurPaths.from_capture(recording.capture(self._scale), rows, cols)
         drawn = PsfBank.from_paths(replace(paths, softness=softness(self._scale)), threads=1)
         # Kernels, not paths: the thresholds of `refine` were chosen with kernels.

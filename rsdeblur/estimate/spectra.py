@@ -26,11 +26,6 @@ LONGEST_BLUR = 20.0
 # and bounds of the longer side, px.
 LEAST_REDUCTION, SPECTRA_SIDES = 2.4, (320, 480)
 
-# Places across the picture at which PSFs are drawn; between them they change little.
-COLUMNS = 4
-# Time samples of the paths: at least, and per px of the longest one.
-LEAST_SAMPLES, SAMPLES_PER_PIXEL = 65, 2
-
 
 class TileSpectra:
     """Power spectra of overlapping tiles of a blurred picture, and how likely they are under a camera's motion.
@@ -52,7 +47,7 @@ class TileSpectra:
         grey = upright(light, camera, self._scale)
         tops, lefts = (_places(n) for n in grey.shape)
         self._rows, cols = tops + (TILE - 1) / 2, lefts + (TILE - 1) / 2
-        strips = min(COLUMNS, len(cols))
+        strips = min(4, len(cols))  # PSFs change little across the picture
         self._cols = (np.arange(strips) + 0.5) * grey.shape[1] / strips - 0.5
         nearest = np.abs(cols[:, None] - self._cols).argmin(axis=1)
         #: Centres of the rows and columns of tiles, as shares of the upright picture's height and width.
@@ -60,7 +55,7 @@ class TileSpectra:
         self._periodograms = TilePeriodograms(grey, tops, lefts, softness=softness(self._scale), white=False)
         self._place = (np.arange(len(tops))[:, None] * strips + nearest).ravel()
         longest = float(recording.capture(self._scale).probe.lengths.max())
-        self._samples = max(LEAST_SAMPLES, int(SAMPLES_PER_PIXEL * longest) + 1)
+        self._samples = max(65, int(2 * longest) + 1)  # at least two per px of the longest path
 
     @property
     def tiles(self) -> int:

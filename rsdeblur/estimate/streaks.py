@@ -34,8 +34,6 @@ END, ABOVE = 0.25, 2.0
 # Bounds of its diagonal, as shares of that of the PSFs as recorded, and a margin, px. Longer things are lines of the
 # scene.
 LENGTHS, MARGIN = (0.5, 1.6), 4.0
-# Number of trails that are compared: the clearest. Distance from it at which other things are hidden, px.
-MOST_STREAKS, BESIDE = 16, 2
 # Sizes of the bright thing, including the softness of the photo: standard deviations of a Gaussian, px.
 SIZES = 0.7, 1.5
 # Least share of the PSF's power that is not hidden.
@@ -136,7 +134,7 @@ def lead_of(nats: float, others: float) -> float:
 
 
 def find_streaks(light: FloatImage, diagonal: float) -> list[Streak]:
-    """Return the clearest trails in linear light (H, W); `diagonal` is that of the box around the recorded PSFs, px."""
+    """Return the 16 clearest trails in linear light (H, W); the box around the PSFs has this `diagonal`, px."""
     thin, half = thin_things(light), _half(diagonal)
     level = np.maximum(_usual(thin, max(1, round(AROUND * diagonal))), noise_level(light[..., None]))
     clear = np.maximum(CLEAR * level, LEAST_CONTRAST * light)
@@ -154,7 +152,7 @@ def find_streaks(light: FloatImage, diagonal: float) -> list[Streak]:
         if is_new and _fits(rows - row, cols - col, diagonal):
             found.append((-thin[row, col] / floor[row, col], rows, cols))
     found.sort(key=lambda each: float(each[0]))
-    return [_cut(thin, floor, inside, rows, cols, half) for _, rows, cols in found[:MOST_STREAKS]]
+    return [_cut(thin, floor, inside, rows, cols, half) for _, rows, cols in found[:16]]
 
 
 def thin_things(light: FloatImage, smoothing: float = SOFTNESS) -> FloatImage:
@@ -211,7 +209,8 @@ def _cut(
     box = np.s_[row - half : row + half + 1, col - half : col + half + 1]
     values, least, seen = thin[box], floor[box], inside[box]
     bright = values > np.maximum(least, END * values[own].max())
-    others, near = (ndimage.binary_dilation(each, iterations=BESIDE) for each in (bright & ~own, own))
+    # Within 2 px of the trail, nothing is hidden.
+    others, near = (ndimage.binary_dilation(each, iterations=2) for each in (bright & ~own, own))
     seen = seen & (near | ~others)
     return Streak(row - half, col - half, (values * seen).astype(np.float32), seen.astype(np.float32))
 

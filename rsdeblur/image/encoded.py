@@ -24,8 +24,8 @@ from rsdeblur.types import FloatArray
 
 # Rows converted or changed at a time, which bounds the memory: a conversion takes several arrays of that size.
 ROWS = 64
-# Number of rows by which floats are judged, and of different values between black and white that drawings do not have.
-JUDGED_ROWS, LEAST_LEVELS = 16, 16
+# Number of different values between black and white that drawings do not have.
+LEAST_LEVELS = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +73,10 @@ class EncodedImage:
         rows = slice(*rows.indices(height)[:2])
         light = empty((rows.stop - rows.start, width, channels), np.float32)
         light_of = _lookup(self.values.dtype.itemsize, self.transfer) if self.values.dtype.kind == "u" else None
-        blocks = list(_blocks(rows))
+        parts = list(blocks(rows))
 
         def decode(_: int, n: int) -> None:
-            here, there = blocks[n]
+            here, there = parts[n]
             if light_of is not None:
                 look_up(light_of, self.values[there, :, :channels], light[here])
             else:
@@ -86,7 +86,7 @@ class EncodedImage:
                     validate.bounded("alpha of image", self.values[there, :, channels])
 
         # Of several errors, the first one is raised with any number of threads.
-        share(decode, range(len(blocks)), 1 if light_of is None else threads)
+        share(decode, range(len(parts)), 1 if light_of is None else threads)
         return light
 
     def grey(self, rows: slice) -> NDArray[np.float32]:
@@ -95,7 +95,7 @@ class EncodedImage:
         rows = slice(*rows.indices(height)[:2])
         light = np.empty((rows.stop - rows.start, width), dtype=np.float32)
         weights = np.full(channels, 1 / channels, dtype=np.float32)
-        for here, there in _blocks(rows):
+        for here, there in blocks(rows):
             # np.mean over three values takes thirty times as long.
             np.matmul(self.linear(there), weights, out=light[here])
         return light
@@ -108,10 +108,10 @@ class EncodedImage:
         """
         channels = light.shape[2]
         clip = self.values.dtype.kind == "u" or out.dtype.kind == "u"
-        blocks = list(_blocks(rows))
+        parts = list(blocks(rows))
 
         def encode_block(_: int, n: int) -> None:
-            here, there = blocks[n]
+            here, there = parts[n]
             sharp, is_finite = _stored(light[here], self.transfer, clip, out.dtype)
             if not is_finite:
                 raise InputError(
@@ -123,7 +123,7 @@ class EncodedImage:
                 alpha = as_float(self.values[there, :, channels:])
                 out[there, :, channels:] = _as_stored(alpha.clip(0.0, 1.0) if clip else alpha, out.dtype)
 
-        share(encode_block, range(len(blocks)), threads)
+        share(encode_block, range(len(parts)), threads)
 
 
 def result_like(
@@ -207,7 +207,7 @@ def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.flo
     return values.reshape(*values.shape[:2], *np.shape(image)[2:]), camera
 
 
-def _blocks(rows: slice) -> Iterator[tuple[slice, slice]]:
+def blocks(rows: slice) -> Iterator[tuple[slice, slice]]:
     """Yield blocks of `rows`, each counted from the first of `rows` and from the first row of the picture."""
     for top in range(rows.start, rows.stop, ROWS):
         stop = min(top + ROWS, rows.stop)
@@ -223,7 +223,7 @@ def warn_of_encoded_floats(array: NDArray[Any]) -> None:
     if array.dtype.kind != "f":
         return
     colours = array[..., :-1] if array.ndim == 3 and array.shape[2] in (2, 4) else array
-    rows = colours[:: max(1, len(colours) // JUDGED_ROWS)]
+    rows = colours[:: max(1, len(colours) // 16)]  # some 16 rows
     # Larger numbers than those of 16 bits are no encoded values, and floats of any kind beyond 2^24 are whole.
     if 1 < rows.max() <= np.iinfo(np.uint16).max and (rows == np.round(rows)).all():
         found = f"whole numbers like encoded values, of up to {rows.max():g}"

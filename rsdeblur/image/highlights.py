@@ -39,8 +39,6 @@ from rsdeblur.types import FloatImage
 Mask = NDArray[np.bool_]
 Result = TypeVar("Result")
 
-# Pixels that share an edge or a corner.
-TOUCHING = np.ones((3, 3), dtype=np.bool_)
 # Share of full scale, 250 of 255, from which a pixel counts as clipped if it touches one at full scale: JPEG and
 # resampling soften the edges of clipped spots.
 NEAR = 0.98
@@ -64,16 +62,10 @@ DARK, SMOOTH = 1e-3, 2.0
 # in the sun, which lose a little (docs/developer/reliability.md), and of these only the smallest are glints, up to the
 # second share.
 MOST_SPOTS, GLINTS = 5e-3, 1e-3
-# Median light of a picture below which it is dark: nights of lamps have 0.025, pictures by day 0.09 and more. Distance
-# of the rows and columns that are looked at.
-NIGHT, SPARSE = 0.05, 4
-# A box extends beyond its spots by a PSF, there and back, and by this margin for the smoothing, px. Its ends lie at
-# multiples of CELL px.
-MARGIN, CELL = SPOILED + int(4 * SMOOTH), 8
-# Pixels that are searched for spots at a time, which bounds the memory to some 70 MB.
-LOOKED_AT = 3_000_000
-# Bytes per value of a box while its highlights are estimated (measured: 92 to 150), and as a patch afterwards.
-BOX_BYTES, PATCH_BYTES = 166, 8
+# Median light of a picture below which it is dark: nights of lamps have 0.025, pictures by day 0.09 and more.
+NIGHT = 0.05
+# The ends of boxes lie at multiples of this, px.
+CELL = 8
 
 
 class Spot(NamedTuple):
@@ -156,7 +148,7 @@ def find_spots(encoded: EncodedImage) -> list[Spot]:
     values = encoded.values[..., :channels]
     if values.dtype.kind != "u" and values.max() > 1:
         return []
-    rows = max(1, LOOKED_AT // width)
+    rows = max(1, 3_000_000 // width)  # bounds the memory to some 70 MB
     return [spot for top in range(0, height, rows) for spot in _spots(values[top : top + rows], top)]
 
 
@@ -176,7 +168,7 @@ def lights(spots: list[Spot], encoded: EncodedImage) -> list[Spot]:
     covered = np.cumsum(list(map(_area, by_size))) / (height * width)
     if not spots or covered[-1] <= MOST_SPOTS:
         return spots
-    some = EncodedImage(encoded.values[::SPARSE, ::SPARSE, :channels], encoded.transfer)
+    some = EncodedImage(encoded.values[::4, ::4, :channels], encoded.transfer)
     return spots if np.median(some.grey(slice(None))) < NIGHT else by_size[: np.searchsorted(covered, GLINTS, "right")]
 
 
@@ -284,7 +276,7 @@ def _spots(values: NDArray[Any], top: int) -> Iterator[Spot]:
         return
     # Integers are compared with an integer: no float copy of the picture is made.
     near: Mask = values >= (ceil(NEAR * full_scale(values)) if values.dtype.kind == "u" else NEAR)
-    numbers, count = ndimage.label(_any(near), TOUCHING)
+    numbers, count = ndimage.label(_any(near), np.ones((3, 3)))  # pixels at corners touch, too
     has_full = np.zeros(count + 1, dtype=np.bool_)
     has_full[numbers[_any(full)]] = True
     for number, (rows, cols) in enumerate(ndimage.find_objects(numbers), 1):
@@ -296,7 +288,8 @@ def _spots(values: NDArray[Any], top: int) -> Iterator[Spot]:
 def _boxes(encoded: EncodedImage, spots: list[Spot], bank: PsfBank) -> Iterator[_Box]:
     """Yield boxes around spots; boxes that would overlap are merged."""
     shape = encoded.shape[:2]
-    reach_down, reach_across = (n + MARGIN for n in bank.size)
+    # By a PSF, there and back, and for the smoothing.
+    reach_down, reach_across = (n + SPOILED + int(4 * SMOOTH) for n in bank.size)
     covered = np.zeros([-(-n // CELL) for n in shape], dtype=np.bool_)
     for spot in spots:
         covered[_cells(spot.rows, reach_down), _cells(spot.cols, reach_across)] = True
@@ -327,7 +320,8 @@ def _check_memory(boxes: list[_Box], max_memory: int | None) -> None:
     if max_memory is None or not boxes:
         return
     largest = max(boxes, key=lambda box: box.size)
-    needed = BOX_BYTES * largest.size + PATCH_BYTES * sum(box.size for box in boxes)
+    # Bytes per value while highlights are estimated (measured: 92 to 150), and as a patch afterwards.
+    needed = 166 * largest.size + 8 * sum(box.size for box in boxes)
     if needed > max_memory:
         raise InputError(
             f"max_memory is {max_memory >> 20} MiB, but the highlights near row {largest.rows.start}, column "

@@ -11,8 +11,6 @@ from rsdeblur._util import validate
 from rsdeblur.choices import TRANSFERS, Auto, Transfer
 from rsdeblur.errors import InputError
 
-# IEC 61966-2-1: below this value the sRGB curve is a straight line.
-SRGB_STORED_END = 0.04045
 # Largest gamma, and its inverse the least: devices use 0.4 to 3, and 255 steps do not survive more.
 MOST_GAMMA = 10.0
 
@@ -66,7 +64,8 @@ def to_linear(values: NDArray[np.float32], transfer: Transfer) -> NDArray[np.flo
     magnitude = np.abs(values)
     with np.errstate(over="ignore"):  # becomes infinity
         if transfer == "srgb":
-            light = np.where(magnitude <= SRGB_STORED_END, magnitude / 12.92, ((magnitude + 0.055) / 1.055) ** 2.4)
+            # IEC 61966-2-1: the curve begins as a straight line.
+            light = np.where(magnitude <= 0.04045, magnitude / 12.92, ((magnitude + 0.055) / 1.055) ** 2.4)
         else:
             light = magnitude**transfer
         return np.copysign(light, values).astype(np.float32)

@@ -20,20 +20,12 @@ from rsdeblur.types import FloatArray, FloatImage
 # Standard deviation of the Gaussian that the weight of the blurred picture is smooth by, in lengths of the PSF, and at
 # least in px: the waves of a wrong motion are some tenths of the PSF wide.
 SPREAD, LEAST_SPREAD = 0.15, 1.5
-# Cells per standard deviation, about; each has one weight.
-CELLS = 1.5
 # Light below black, as a share of the recorded light, from which only the blurred picture is left; the share of the
 # picture's bright parts that is added to the recorded light, so that noise in black places is no evidence; and the
 # weight that counts as 0.
 MOST, DARK, LEAST = 1 / 8, 0.01, 0.02
-# Value of the bright parts of a black picture, against division by 0. Priors have a larger least peak; here, dark
-# pictures keep theirs.
-BLACK_PEAK = 1e-9
-# Rows of cells that a thread measures at a time, and side of the tiles that it fades, px.
-ROWS, TILE = 16, 128
-# Distance of the rows that are measured for light below black, in pictures of at least 64 such rows; and the equal
-# parts of the picture along the readout that are measured by themselves.
-ROW_STEP, PARTS = 8, 6
+# Equal parts of the picture along the readout that are measured by themselves.
+PARTS = 6
 
 
 def fade_undershoot(
@@ -51,7 +43,7 @@ def fade_undershoot(
     the largest PSF, px, and `peak` the value of the picture's bright parts.
     """
     spread = max(LEAST_SPREAD, SPREAD * max(size))
-    step = max(1, round(spread / CELLS))
+    step = max(1, round(spread / 1.5))  # px of a cell, which has one weight
     below = _below_black(sharp, step, threads)
     if not below.any():
         return
@@ -61,7 +53,8 @@ def fade_undershoot(
     near, around = share_map(
         lambda light: ndimage.gaussian_filter(light, spread / step, mode="nearest"), [below, recorded], threads
     )
-    weight = np.clip(near / (MOST * (np.maximum(around, 0.0) + DARK * max(peak, BLACK_PEAK))) - LEAST, 0.0, 1.0)
+    peak = max(peak, 1e-9)  # not 0; dark pictures keep theirs, while priors have a larger least peak
+    weight = np.clip(near / (MOST * (np.maximum(around, 0.0) + DARK * peak)) - LEAST, 0.0, 1.0)
     down, across = (_between(n, len_cells, step) for n, len_cells in zip((height, width), weight.shape, strict=True))
 
     def fade_tile(_: int, rows: slice, cols: slice) -> None:
@@ -71,7 +64,7 @@ def fade_undershoot(
             blurred = EncodedImage(values, encoded.transfer).linear(slice(None))
             fade_to(sharp[rows, cols], blurred, weight, (above, under, low), (left, right, far))
 
-    share_blocks(fade_tile, (height, width), (TILE, TILE), threads)
+    share_blocks(fade_tile, (height, width), (128, 128), threads)
 
 
 def _between(n: int, cells: int, step: int) -> Between:
@@ -85,11 +78,12 @@ def _below_black(sharp: FloatImage, step: int, threads: int | None) -> NDArray[n
     """Return the mean depth below zero, of the channel where it is largest, in cells of `step` x `step` px."""
     height, width, _ = sharp.shape
     below = np.empty((-(-height // step), -(-width // step)), dtype=np.float32)
+    rows = 16  # of cells, measured at a time
 
     def measure(_: int, top: int) -> None:
-        depths(sharp[top * step : (top + ROWS) * step], step, below[top : top + ROWS])
+        depths(sharp[top * step : (top + rows) * step], step, below[top : top + rows])
 
-    share(measure, range(0, len(below), ROWS), threads)
+    share(measure, range(0, len(below), rows), threads)
     return below
 
 
@@ -97,7 +91,8 @@ class UndershootMeter:
     """Measurement, chunk by chunk, of the light below black that deblurring adds to a picture of so many rows."""
 
     def __init__(self, height: int) -> None:
-        self._step = int(np.clip(height // 64, 1, ROW_STEP))
+        # Every eighth row is measured, or at least 64 rows.
+        self._step = int(np.clip(height // 64, 1, 8))
         # Not row 0, because the first row of the frame rings more than others.
         self._first = self._step // 2
         self._part = np.arange(self._first, height, self._step) * PARTS // height

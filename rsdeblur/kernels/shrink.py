@@ -18,12 +18,8 @@ from rsdeblur.kernels import native
 from rsdeblur.kernels._jit import njit
 from rsdeblur.types import Float32Array
 
-# Number of coefficients of the polynomial, and of planes of a workspace.
-TERMS, PLANES = 9, 10
-# Divisors of the second derivatives, and factors of what shrinking leaves of the first ones, of the second ones and of
-# the mixed one: half of the divisors' inverse squares (:func:`shrunk_derivatives_adjoint`).
-BENDING, MIXED = np.float32(2.0), np.float32(np.sqrt(2.0))
-FIRST, SECOND, TWIST = np.float32(0.5), np.float32(0.125), np.float32(0.25)
+# Number of coefficients of the polynomial.
+TERMS = 9
 # Rows of a picture on which a row of the output depends, on each side.
 REACH = 2
 # Values that stay in the first-level cache between the sums and the extrapolation.
@@ -33,7 +29,7 @@ CHUNK = 2048
 def workspace(picture: Float32Array) -> Float32Array:
     """Return memory that one thread at a time needs to shrink the derivatives of a picture (H, W, C)."""
     _, width, channels = picture.shape
-    return np.empty((PLANES, channels, width + 2), np.float32)
+    return np.empty((10, channels, width + 2), np.float32)
 
 
 def gradient(picture: Float32Array, *, periodic: bool) -> tuple[Float32Array, Float32Array]:
@@ -110,13 +106,15 @@ def shrunk_derivatives_adjoint_numpy(
         return _shrunk(limit, polynomial, derivative)[0]
 
     across, down = gradient(near, periodic=periodic)
+    # The second derivatives and the mixed one are divided by 2 and sqrt(2), so half of w_k has the factors 1/8 and 1/4.
     twist = gradient(down, periodic=periodic)[0]
-    pull = TWIST * _adjoint(_adjoint(shrunk(twist, MIXED * threshold), 1), 0)
+    mixed = np.float32(np.sqrt(2.0)) * threshold
+    pull = np.float32(0.25) * _adjoint(_adjoint(shrunk(twist, mixed), 1), 0)
     for axis, slope in ((1, across), (0, down)):
-        pull += FIRST * _adjoint(shrunk(slope, threshold), axis)
+        pull += np.float32(0.5) * _adjoint(shrunk(slope, threshold), axis)
         # D^T D is symmetric, so it is its own adjoint.
-        bend = shrunk(_adjoint(slope, axis), BENDING * threshold)
-        pull += SECOND * _adjoint(gradient(bend, periodic=periodic)[1 - axis], axis)
+        bend = shrunk(_adjoint(slope, axis), np.float32(2.0) * threshold)
+        pull += np.float32(0.125) * _adjoint(gradient(bend, periodic=periodic)[1 - axis], axis)
     out[top : top + rows] = pull[own]
 
 

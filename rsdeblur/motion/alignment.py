@@ -35,9 +35,6 @@ from rsdeblur.motion.track import MOST_RECORDED, OrientationTrack, check_samples
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 
-# Steps of the fixed-point iteration from the row of a point in one frame to its row in another. The rows may be
-# hundreds apart, which takes some steps more than within a frame.
-STEPS_BETWEEN_FRAMES = FIXED_POINT_STEPS + 3
 # Distance of the rows that are traced where the paths of all rows are needed. Interpolated ones are within 0.003 px of
 # the traced ones even where 120 rows take 30 ms to read.
 ROW_STEP = 4
@@ -97,7 +94,8 @@ class Alignment:
         mid = self.reference.mid(points[..., 1])
         orientation = self.reference.track.at(mid)
         world = np.einsum("...ji,...j->...i", orientation, self.reference.points(points)) + self.reference.position(mid)
-        return _project(self.capture, world, points, STEPS_BETWEEN_FRAMES)
+        # Rows of a point may be hundreds apart, which takes some steps more than within a frame.
+        return _project(self.capture, world, points, FIXED_POINT_STEPS + 3)
 
     def paths(self, rows: FloatArray, cols: FloatArray, per_pixel: float = SAMPLES_PER_PIXEL) -> BlurPaths:
         """Return the paths of the resampled frame at the rows (B,) and columns (S,) of the reference, px."""

@@ -18,12 +18,8 @@ COEFFICIENTS: dict[Distortion, tuple[int, ...]] = {"none": (0,), "radtan": (4, 5
 # Most steps of Newton's method, which doubles the correct digits in each; ordinary lenses take five.
 STEPS = 30
 TOLERANCE = 1e-13
-# Halvings of 180 degrees that leave less than float64 resolves.
-BISECTIONS = 54
 # Least slope of the fisheye's polynomial theta_d(theta). Below it, the polynomial is about to decrease.
 FLAT = 0.1
-# Coefficients up to this size add less than 1e-8 to the slope at 180 degrees.
-NEGLIGIBLE = 1e-12
 
 
 def project(directions: FloatArray, model: Distortion, k: tuple[float, ...]) -> FloatArray:
@@ -60,8 +56,8 @@ def rays(points: FloatArray, model: Distortion, k: tuple[float, ...]) -> FloatAr
 def _fold(k: tuple[float, ...]) -> float:
     """Return the angle at which the slope of the fisheye's polynomial falls to `FLAT`; infinity if it never does."""
     slope = [1.0 - FLAT, *((2 * i + 3) * value for i, value in enumerate(k))]
-    # `roots` divides by the highest coefficient.
-    squares = np.polynomial.Polynomial(slope).trim(NEGLIGIBLE).roots()
+    # `roots` divides by the highest coefficient. Up to 1e-12, it adds less than 1e-8 to the slope at 180 degrees.
+    squares = np.polynomial.Polynomial(slope).trim(1e-12).roots()
     real = squares.real[(np.abs(squares.imag) < 1e-9) & (squares.real > 0)]
     return float(np.sqrt(real.min())) if real.size else float("inf")
 
@@ -111,7 +107,7 @@ def _bisected(bent: FloatArray, k: tuple[float, ...]) -> FloatArray:
     It relies on theta_d's increase, see `_fisheye`.
     """
     low, high = np.zeros_like(bent), np.full_like(bent, np.pi)
-    for _ in range(BISECTIONS):
+    for _ in range(54):  # halvings of 180 degrees leave less than float64 resolves
         middle = 0.5 * (low + high)
         above = _fisheye(middle, k)[0] > bent
         low, high = np.where(above, low, middle), np.where(above, middle, high)

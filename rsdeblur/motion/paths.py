@@ -36,8 +36,7 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.camera_values import MOST_PIXELS
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.row_poses import RowPoses
-from rsdeblur.motion.track import OrientationTrack
+from rsdeblur.motion.track import OrientationTrack, RowPoses
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 
@@ -47,12 +46,9 @@ SAMPLES_PER_PIXEL = 4
 ROW_SAMPLES_PER_PIXEL = 1
 # Rows traced at a time, which bounds the memory for the poses along their paths.
 ROWS_TOGETHER = 64
-# Most points of paths traced at a time: 2.4 GB of poses. Bytes of a point of a path.
-MOST_POINTS, POINT_BYTES = 6_000_000, 16
+# Most points of paths traced at a time: 2.4 GB of poses.
+MOST_POINTS = 6_000_000
 
-# Rows and columns of the probe. The rows are about a millisecond apart in an ordinary readout, well within a gyro
-# interval; across the picture the blur changes smoothly for any motion.
-PROBE_ROWS, PROBE_COLS = 33, 9
 
 # Steps of the fixed-point iteration. Each multiplies the error by (vertical speed x line time), at most about 0.1 in
 # practice: after three, a path of 100 px is right to 0.1 px in the worst case and usually to 1e-3 px.
@@ -155,8 +151,10 @@ class Capture:
     @once
     def probe(self) -> BlurPaths:
         """Few paths with few samples, spread over the whole picture: enough for the extent and change of all paths."""
-        rows = np.linspace(0.0, self.camera.height - 1, PROBE_ROWS)
-        cols = np.linspace(0.0, self.camera.width - 1, PROBE_COLS)
+        # The rows are about a millisecond apart in an ordinary readout, well within a gyro interval; across the picture
+        # the blur changes smoothly for any motion.
+        rows = np.linspace(0.0, self.camera.height - 1, 33)
+        cols = np.linspace(0.0, self.camera.width - 1, 9)
         return BlurPaths.from_capture(self, rows, cols, samples=2 * len(self.track.t) + 1)
 
     @property
@@ -399,7 +397,7 @@ class BlurPaths:
         samples = max(2 * len(capture.track.t) + 1, int(np.ceil(ROW_SAMPLES_PER_PIXEL * longest)) + 1)
         rows = np.arange(float(capture.camera.height))[within]
         points, pixels = len(rows) * len(cols) * samples, capture.camera.height * capture.camera.width
-        validate.memory(f"paths of {points} points", POINT_BYTES * points, pixels)
+        validate.memory(f"paths of {points} points", 16 * points, pixels)
         parts = [
             cls.from_capture(capture, part, cols, geometry=geometry, samples=samples)
             for part in np.split(rows, range(ROWS_TOGETHER, len(rows), ROWS_TOGETHER))

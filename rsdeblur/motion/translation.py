@@ -17,13 +17,6 @@ from rsdeblur.types import FloatArray
 
 # s. Times relative to different epochs differ by less, from rounding; clocks count in it.
 CLOCK_TICK = 1e-9
-# Largest acceleration, px/s^2.
-MOST_ACCELERATION = 1e9
-# Times of an exposure between which accelerated motion is straight: a thousandth of its bend is lost.
-PARABOLA_SAMPLES = 33
-# Density of the map of depths of a part of the picture, relative to that of the whole map in the whole picture. Between
-# its points the inverse depth is linear.
-CROP_STEPS = 4
 
 
 @one_line()
@@ -133,14 +126,15 @@ class Translation:
         else:
             known = cls(np.array([opens - margin, closes + margin]), np.zeros((2, 3)), 1.0, exposure.epoch_ns)
         px = validate.real_array("px", px, (2,), most=MOST_PIXELS)
-        acceleration = validate.real_array("acceleration", acceleration, (2,), most=MOST_ACCELERATION)
+        acceleration = validate.real_array("acceleration", acceleration, (2,), most=1e9)
         # The scene moves against the camera.
         px, acceleration = (
             np.append(-each / np.array(camera.focal_length), 0.0) * known.middle_depth for each in (px, acceleration)
         )
         t, position = known.t, known.position
         if acceleration.any():
-            samples = np.linspace(opens, closes, PARABOLA_SAMPLES) + (exposure.epoch_ns - known.epoch_ns) * 1e-9
+            # Between 33 samples the motion is straight: a thousandth of its bend is lost.
+            samples = np.linspace(opens, closes, 33) + (exposure.epoch_ns - known.epoch_ns) * 1e-9
             # A track that does not cover the exposure still does not.
             t = np.union1d(t, samples[(samples > t[0]) & (samples < t[-1])])
             position = np.stack([np.interp(t, known.t, axis) for axis in position.T], axis=-1)
@@ -248,8 +242,9 @@ class Translation:
         if isinstance(self.depth, float):
             return moved
         spans = ((top, height, camera.height), (left, width, camera.width))
+        # The part has four times as many points of depth as the whole; between them the inverse depth is linear.
         down, across = (
-            np.linspace(first, first + size - 1, CROP_STEPS * (count - 1) + 1) / max(whole - 1, 1)
+            np.linspace(first, first + size - 1, 4 * (count - 1) + 1) / max(whole - 1, 1)
             for (first, size, whole), count in zip(spans, self.depth.shape, strict=True)
         )
         return replace(moved, depth=self.relative_depth(*np.meshgrid(across, down)) * self.middle_depth)

@@ -9,8 +9,6 @@ from rsdeblur.errors import ClockError
 from rsdeblur.motion.gyro import GyroLog
 
 SECOND_NS = 10**9
-# Time zones differ from UTC by multiples of a quarter of an hour, from -12 to +14 hours.
-ZONES = [quarter * 900 * SECOND_NS for quarter in range(-48, 57)]
 # Time in EXIF minus the start of the exposure, s: cameras write the command, the end or the storing of the picture, and
 # some whole seconds only.
 EXIF_ERROR = (-2.0, 1.0)
@@ -30,7 +28,9 @@ def on_clock_of(time: CaptureTime, log: GyroLog) -> int:
     if first < 946_684_800 * SECOND_NS:
         raise ClockError("the timestamps of the log are not Unix time, so the time in EXIF has no place on its clock")
     early, late = (round(error * SECOND_NS) for error in EXIF_ERROR)
-    times = [time.ns] if time.has_zone else [time.ns - zone for zone in ZONES]
+    # Time zones differ from UTC by multiples of a quarter of an hour, from -12 to +14 hours.
+    quarters = range(1) if time.has_zone else range(-48, 57)
+    times = [time.ns - quarter * 900 * SECOND_NS for quarter in quarters]
     fitting = [ns for ns in times if first + early <= ns <= last + late]
     if len(fitting) != 1:
         what = "several time zones fit" if fitting else "the log does not cover it"

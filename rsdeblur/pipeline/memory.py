@@ -25,22 +25,11 @@ from rsdeblur.types import FloatArray
 # what they leave by STEP_ROWS, px, at half the size as many of these. (docs/developer/decisions.md)
 DECAY_REACH, LEAST_REACH = 0.64, 2.5
 PRIOR_REACH, STEP_ROWS = 4.0, 32
-# Number of arrays of a chunk's size in memory at a time (light, result, spectra, latents), by mode and prior. Those of
-# several frames solved together are more: the next one, the solution of the first one and its blur; rowwise keeps the
-# rows of all frames and their spectra.
-TILE_PICTURES, TILE_PRIOR_PICTURES = 3.3, 5.0
-ROW_PICTURES, ROW_PRIOR_PICTURES = 4.6, 8.0
-BURST_PICTURES, ROW_FRAME_PICTURES = 4.0, 2.5
 # Longest side of the parts in which a burst predicts frames, px, which bounds the memory for their OTFs.
 LONGEST = 1024
-# Bytes of the rowwise model for each row, strip and px of the kernel: paths, taps and workspaces. Each further frame
-# adds a share of that.
-ROW_MODEL, FRAME_MODEL = 80.0, 0.6
 # Bytes that do not grow with the chunk: buffers of threads and of libraries.
 FIXED = 48 << 20
 LEAST_ROWS = 16
-# Transforms are up to this much longer than needed, because only some lengths are fast.
-TRANSFORM_EXCESS = 1.1
 
 
 def plan_chunks(solver: ChunkSolver, shape: tuple[int, int, int], max_memory: int | None) -> list[Chunk]:
@@ -125,17 +114,20 @@ def _bytes(solver: ChunkSolver, source: slice, shape: tuple[int, int, int]) -> i
     centres = bank.rows[affecting(bank.rows, source)] - source.start
     bands, strips, (tall, wide) = len(centres), len(bank.cols), bank.size
     picture = 4.0 * rows * width * channels
+    # `pictures` are the arrays of a chunk's size in memory at a time: light, result, spectra and latents.
     if options.mode_in_effect == "rowwise":
-        pictures = ROW_PICTURES if strengths.weight is None else ROW_PRIOR_PICTURES
-        pictures += ROW_FRAME_PICTURES * (frames - 1)
+        pictures = 4.6 if strengths.weight is None else 8.0
+        pictures += 2.5 * (frames - 1)  # the rows of all frames are kept, and their spectra
         kept = 0.0
         if frames > 1 and strengths.weight is not None:
             # The assembled normal matrices: one complex value for every second frequency along x.
             row = _tile_length(bank.cols, width, wide, min(decay_margin(strengths.nsr), MOST_MARGIN))
             kept = min(4.0 * rows * (tall + BLOCK) * row, ASSEMBLED_BYTES)
-        model = ROW_MODEL * (1 + FRAME_MODEL * (frames - 1)) * rows * strips * (tall + wide)
+        # Paths, taps and workspaces take 80 bytes for each row, strip and px of the kernel, and 0.6 times that for each
+        # further frame.
+        model = 80.0 * (1 + 0.6 * (frames - 1)) * rows * strips * (tall + wide)
         return int(FIXED + pictures * picture + model + kept)
-    pictures = TILE_PICTURES if strengths.weight is None else TILE_PRIOR_PICTURES
+    pictures = 3.3 if strengths.weight is None else 5.0
     length, row = (
         _tile_length(places, n, kernel, _margin(strengths))
         for places, n, kernel in ((centres, rows, tall), (bank.cols, width, wide))
@@ -149,7 +141,7 @@ def _bytes(solver: ChunkSolver, source: slice, shape: tuple[int, int, int]) -> i
         together = 1 if chroma_of(options, bank.size, shape) == "half" else channels
         filters = (4.0 * together + 2.0) * tiles + 4.0 * tiles / strips
     if frames > 1:
-        pictures += BURST_PICTURES
+        pictures += 4.0  # the next frame, the solution of the first one and its blur
         # The prediction of what a frame does not show has OTFs of its own.
         filters += 4.0 * tiles * min(1.0, (LONGEST + 2 * wide) / width)
     return int(FIXED + pictures * picture + filters + 8.0 * length * row)
@@ -158,7 +150,8 @@ def _bytes(solver: ChunkSolver, source: slice, shape: tuple[int, int, int]) -> i
 def _tile_length(centres: FloatArray, n: int, kernel: int, margin: float) -> float:
     """Predict the transform length of tiles along an axis of n px."""
     ends = np.concatenate([[0.0], centres, [n]])
-    return TRANSFORM_EXCESS * min(float((ends[2:] - ends[:-2]).max()) + margin * kernel, n + kernel)
+    # Transforms are up to a tenth longer than needed, because only some lengths are fast.
+    return 1.1 * min(float((ends[2:] - ends[:-2]).max()) + margin * kernel, n + kernel)
 
 
 def _mebibytes(size: int) -> str:

@@ -16,7 +16,7 @@ from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import LEAD, RINGING, TURN, Bounds, QualityCheck, assess
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.image.clipping import keep_colours_near_clipped
-from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.image.encoded import EncodedImage, blocks
 from rsdeblur.image.highlights import HighlightSplit, find_spots, lights, separate_highlights, small_spots
 from rsdeblur.image.quantise import quantised
 from rsdeblur.image.transfer import normalized
@@ -32,8 +32,6 @@ from rsdeblur.psf import PsfBank
 from rsdeblur.tuning.strength import Tuning
 from rsdeblur.types import FloatArray, FloatImage
 
-# Number of pixels that automatic strengths are derived from: the middle rows of larger pictures are enough.
-MOST_TUNED_PIXELS = 8_000_000
 # Share of the border's error that is left if the border is solved for. Only exact PSFs allow for so little: with those
 # of a motion, which is never exact, the whole one is better.
 SOLVED_BORDER_ERROR = 0.1
@@ -42,8 +40,6 @@ SOLVED_BORDER_ERROR = 0.1
 # than other priors. (docs/developer/decisions.md)
 LEAST_WAVELET_NSR, LEAST_EXACT_WAVELET_NSR = 3e-3, 1e-3
 NSR_OF_VARIANCE = 2.0
-# Rows that are blended together with the input.
-BLENDED_ROWS = 64
 
 
 def split_highlights(
@@ -108,7 +104,8 @@ def tuned_part(shape: tuple[int, ...], bank: PsfBank) -> tuple[slice, PsfBank]:
     `shape` is that of the picture (H, W, C), whose PSFs `bank` contains.
     """
     height, width = shape[:2]
-    half = min(height, max(1, MOST_TUNED_PIXELS // width)) // 2
+    # The middle rows of larger pictures are enough.
+    half = min(height, max(1, 8_000_000 // width)) // 2
     first = height // 2 - half
     return slice(first, height - first), replace(bank, rows=bank.rows - first) if first else bank
 
@@ -229,8 +226,7 @@ def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> 
     if check.half_turn is not None:
         share = np.maximum(share, _share((check.half_turn,), height, TURN))
     sharp = EncodedImage(out, encoded.transfer)
-    for top in range(0, height, BLENDED_ROWS):
-        rows = slice(top, min(top + BLENDED_ROWS, height))
+    for _, rows in blocks(slice(0, height)):
         if share[rows].any():
             weight = share[rows, None, None].astype(np.float32)
             encoded.encode(weight * encoded.linear(rows) + (1 - weight) * sharp.linear(rows), rows, out)

@@ -26,13 +26,11 @@ TILE_CHANGE = 0.4
 # Noise-to-signal ratio that decides the automatic numbers of tiles where none is derived from the picture: for PSFs
 # without a picture, and for those with which the light behind clipped pixels is estimated.
 NSR = 0.01
-# Number of rows per strip whose PSFs the mode "rowwise" reports.
-ROWS_SHOWN = 9
 # Bounds of the cost for violent motion.
 MOST_BANDS = 64
 MOST_STRIPS = 16
-# Bounds of numbers that are given: a PSF takes memory and time in every mode, whatever the size of its tile.
-MOST_GIVEN_STRIPS, MOST_TILES = 256, 16_384
+# Bound of numbers that are given: a PSF takes memory and time in every mode, whatever the size of its tile.
+MOST_TILES = 16_384
 
 # The motion that blurs a picture, or its PSFs.
 Blur = Capture | PsfBank
@@ -49,12 +47,13 @@ def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: f
     if mode == "banded":
         validate.count("bands", 1 if bands == "auto" else bands, maximum=height)
     if mode != "global":
-        validate.count("strips", 1 if strips == "auto" else strips, maximum=min(width, MOST_GIVEN_STRIPS))
+        validate.count("strips", 1 if strips == "auto" else strips, maximum=min(width, 256))
     automatic = _automatic_counts(capture, nsr)
     if mode == "global":
         counts = 1, 1
     elif mode == "rowwise":
-        counts = min(ROWS_SHOWN, height), automatic[1] if strips == "auto" else strips
+        # The PSFs of so many rows are reported.
+        counts = min(9, height), automatic[1] if strips == "auto" else strips
     else:
         counts = automatic[0] if bands == "auto" else bands, automatic[1] if strips == "auto" else strips
     if counts[0] * counts[1] > MOST_TILES:

@@ -21,7 +21,6 @@ Colour = tuple[int, int, int]
 Box = tuple[int, int, int, int]
 
 GROUND: Colour = (24, 25, 28)
-TEXT: Colour = (232, 232, 228)
 MARKS: tuple[Colour, ...] = ((255, 176, 59), (94, 206, 255), (148, 232, 128))
 DIM = 0.4  # brightness left to a picture below kernels
 # px: width of a picture in a grid, space between two, and height of a line of text.
@@ -51,7 +50,7 @@ def _display(image: Image.Image) -> FloatImage:
 
 
 def _caption(image: Image.Image, corner: tuple[int, int], text: str) -> None:
-    ImageDraw.Draw(image).text(corner, text, fill=TEXT, font=ImageFont.load_default(18))
+    ImageDraw.Draw(image).text(corner, text, fill=(232, 232, 228), font=ImageFont.load_default(18))
 
 
 def _to_width(image: Image.Image, width: int) -> Image.Image:

@@ -30,8 +30,6 @@ Level = Literal["warning", "note", "good"]
 LEVELS: tuple[Level, ...] = ("warning", "note", "good")
 # How much verdicts limit a result; others are warnings.
 VERDICT_LEVELS: dict[str, Level] = {"good": "good", "cannot tell": "note", "not checked": "note"}
-# Pixels along the picture's edges that do not count, because light from beyond the frame blurred them.
-BORDER = 24
 
 
 def result_facts(result: DeblurResult, output: Path, prior: str, seconds: float) -> dict[str, Any]:
@@ -169,8 +167,8 @@ def similarity(image: FloatImage, truth: FloatImage) -> dict[str, float | None]:
     # Slow to load, and few commands need it.
     from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-    # Small pictures lose no more than a quarter of a side at each edge.
-    y, x = (min(BORDER, side // 4) for side in image.shape[:2])
+    # Light from beyond the frame blurred the edges. Small pictures lose no more than a quarter of a side at each.
+    y, x = (min(24, side // 4) for side in image.shape[:2])
     a, b = (values[y : values.shape[0] - y, x : values.shape[1] - x] for values in (image, truth))
     axis = None if a.ndim == 2 else 2
     if axis and a.shape[2] in (2, 4):

@@ -8,8 +8,6 @@ import numpy as np
 
 from rsdeblur.motion.triage import DECISIONS, Triage
 
-# px: the plot's left, top, right and bottom in a drawing of 960 x 360 px.
-BOX = 56, 34, 944, 316
 LEAST = 0.1  # px, where the logarithmic axis starts; shorter paths are drawn there
 COLOURS: dict[str, str] = dict(zip(DECISIONS, ("#2a9d5c", "#2b7bba", "#c8443c", "#8a8a8a"), strict=True))
 STYLE = (
@@ -25,7 +23,7 @@ def timeline_svg(times: Sequence[float | None], triage: Triage) -> bytes:
 
     Exposures whose time is None are not drawn; an unknown blur is drawn at the lower end of the axis.
     """
-    left, top, right, bottom = BOX
+    left, top, right, bottom = 56, 34, 944, 316  # of the plot in a drawing of 960 x 360 px
     lengths = np.nan_to_num(triage.lengths, nan=LEAST).clip(LEAST)
     most = 10.0 ** np.ceil(np.log10(max([1.0, 2 * triage.keep, *lengths])))
     known = [time for time in times if time is not None] or [0.0]

@@ -16,8 +16,8 @@ BANDS = {
 }
 # Sinusoids per band and axis: the sum of 32 looks Gaussian and does not repeat.
 WAVES = 32
-# Bounds of a simulated log: three hours at 200 Hz, and a rate that GyroLog accepts.
-MOST_SAMPLES, MOST_STRENGTH = 2_000_000, 1e9
+# Most samples of a simulated log: three hours at 200 Hz.
+MOST_SAMPLES = 2_000_000
 
 
 def hand_shake(duration: float, *, rate: float = 200.0, strength: float = 1.0, seed: int = 0) -> GyroLog:
@@ -72,7 +72,7 @@ def hand_shake(duration: float, *, rate: float = 200.0, strength: float = 1.0, s
     """
     duration = validate.finite("duration", duration, above=0.0)
     rate = validate.finite("rate", rate, above=2.0 * BANDS["tremor"][1])
-    strength = validate.finite("strength", strength, minimum=0.0, maximum=MOST_STRENGTH)
+    strength = validate.finite("strength", strength, minimum=0.0, maximum=1e9)  # GyroLog accepts such rates
     if duration * rate > MOST_SAMPLES:
         raise InputError(
             f"duration times rate must be at most {MOST_SAMPLES} samples, got {duration:g} s at {rate:g} Hz"

@@ -19,7 +19,7 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
-from rsdeblur.kernels.warp import average_warps
+from rsdeblur.kernels.resample import average_warps
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
@@ -31,8 +31,8 @@ from rsdeblur.types import FloatArray
 # errs by less than 1e-7 rad over 0.1 s, far below a hundredth of a pixel.
 STEPS_PER_SECOND = 20_000
 
-# Most warps of a simulation: some 10 GB with their products. Most steps: 100 s.
-MOST_WARPS, MOST_STEPS = 20_000_000, 2_000_000
+# Most warps of a simulation: some 10 GB with their products.
+MOST_WARPS = 20_000_000
 
 
 @one_line()
@@ -177,7 +177,7 @@ class CameraPath:
         (t0, t1), camera = span, frame.camera
         if translation is not None and not isinstance(translation.depth, float):
             raise InputError("translation must have one depth to be simulated, got a map of depths")
-        if (t1 - t0) * STEPS_PER_SECOND > MOST_STEPS:
+        if (t1 - t0) * STEPS_PER_SECOND > 2_000_000:  # 100 s
             raise InputError(f"the exposures span {t1 - t0:g} s, too long to be simulated; are their times in s?")
         samples = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
         t = samples.t + camera.time_offset

@@ -47,8 +47,6 @@ MOST_TILES = 32
 UNCLIPPED, MOST_CLIPPED, MOST_EVEN = (0.0005, 0.98), 0.02, 0.5
 # Error of the paths that is assumed, px, and the number of frequencies that this assumption counts for.
 ASSUMED, WEIGHT = 0.06, 100.0
-# Steps of the fit.
-STEPS = 80
 # A camera that denoises leaves more noise on coarse scales. Ring of frequencies that is compared with the finest,
 # cycles/px. White noise has at most the first ratio of amplitudes there, also in a JPEG; a photo with the second one is
 # processed (`python -m benchmarks.noise`).
@@ -159,7 +157,8 @@ def measure_floors(light: FloatImage, bank: PsfBank) -> Floors | None:
     powers = _powers(tiles, power, bank.kernels[rows, cols])
     # Most frequencies contain little of the scene.
     noise = float(np.quantile(powers.measured / powers.noise, 0.2))
-    variances, squared = fit_floors(powers, (noise, ASSUMED**2), STEPS, WEIGHT)
+    steps = 80
+    variances, squared = fit_floors(powers, (noise, ASSUMED**2), steps, WEIGHT)
     return Floors(tuple((float(peak) * np.sqrt(variances)).tolist()), squared, _processed(power, variances))
 
 

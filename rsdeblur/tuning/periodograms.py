@@ -22,8 +22,6 @@ NOISE_RING = 0.35, HIGHEST
 # has no more than the noise there: others have texture.
 RINGS = 2.0 ** np.arange(-4.5, -1.0, 0.5)
 QUIET = 0.1
-# Candidates for the noise, as multiples of its first estimate.
-LEVELS = np.array([0.3, 1.0])
 # Weight, in nats, of squared differences between the logarithms of a scene's power in different directions, which
 # differs in natural scenes, but not by any factor.
 STIFFNESS = 20.0
@@ -115,8 +113,9 @@ class TilePeriodograms:
         noise = noise_between(power, *NOISE_RING).reshape(-1, 1)
         self.power = np.ascontiguousarray(power.reshape(len(noise), -1)[:, self._used])
         self.noise = (noise * GRADIENT.flat[self._used]).astype(np.float32)
-        # If less white noise were possible, short blurs would explain noise as detail.
-        self._levels = LEVELS[-1:] if white else LEVELS
+        # Candidates for the noise, as multiples of its first estimate. If less white noise were possible, short blurs
+        # would explain noise as detail.
+        self._levels = np.array([1.0] if white else [0.3, 1.0])
         if not white:
             self.noise *= self._colour()
         scene = GRADIENT / np.maximum(RADIUS, LOWEST) ** 2 * np.exp(-np.square(2 * np.pi * softness * RADIUS))

@@ -59,8 +59,6 @@ MOST_PATH_ERROR_SHARE, MOST_OF_SPREAD = 0.25, 0.5
 # Share of a sparse prior's weight in a picture of one channel, whose derivatives are shorter than those of three
 # channels together, and which of them vanish is decided with more noise. (docs/developer/decisions.md)
 GREY_STRENGTH = 0.6
-# Candidates for the NSR and for the weight of the gradient prior.
-LADDER = np.geomspace(1e-5, 10.0, 73)
 # Softness of a sharp picture (lens, area of the pixels, demosaicing): standard deviation in px.
 LENS = 0.75
 # Least share of the measured gradient that counts as the scene's: where noise dominates, an error of its estimate must
@@ -341,7 +339,7 @@ class Tuning:
             gain = (1.0 + np.ravel(added)[0]) / (spectra.undone + added)
             return float((gain * (gain * squared - 2.0 * linear)).sum())
 
-        return float(min(LADDER, key=error))
+        return float(min(np.geomspace(1e-5, 10.0, 73), key=error))
 
     @property
     def gradient_nsr(self) -> float:

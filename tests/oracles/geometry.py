@@ -5,9 +5,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from rsdeblur.kernels.raster import GAUSS_HIGH, GAUSS_LOW
-from rsdeblur.kernels.resample import ORDER
+from rsdeblur.kernels.resample import FARTHEST, ORDER
 from rsdeblur.kernels.spread import _TABLE, MOST_STEP, STEPS, WIDTH, _sinc_table
-from rsdeblur.kernels.warp import FARTHEST
 from rsdeblur.types import FloatArray, FloatImage
 
 

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.kernels.noise import TilePowers, _first_gains, _first_noises
-from rsdeblur.kernels.normal import TINY
 from rsdeblur.kernels.rowwise import LANES
+from rsdeblur.kernels.spectral import TINY
 from rsdeblur.kernels.whittle import FAINTEST, LONGEST, SETTLED, STEPS, Tiles
 from rsdeblur.types import ComplexArray, Float32Array, FloatArray
 
