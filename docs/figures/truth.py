@@ -19,13 +19,11 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
 from benchmarks.captures import SimulatedCapture, quality
-from benchmarks.phone import from_phone, processed
+from benchmarks.phone import from_phone
 from benchmarks.refine import Depths
 from rsdeblur import Camera, Correction, Exposure, GyroLog, RsdeblurError, deblur, hand_shake, scene, simulate
-from rsdeblur.cli import demo
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.image.transfer import from_linear, to_linear
-from rsdeblur.io import read_picture, write_picture
 
 Light = NDArray[np.float32]
 WIDTH, HEIGHT = 640, 480
@@ -215,28 +213,12 @@ def results(capture: SimulatedCapture) -> Iterator[tuple[str, str, Light]]:
     yield "truth", "", truth
 
 
-def write_example(folder: Path) -> None:
-    """Write a photo with EXIF, and the log of Sensor Logger, like `rsdeblur demo --stock-camera`, but as by a phone."""
-    folder.mkdir(parents=True, exist_ok=True)
-    demo.write_files("stock-camera", (WIDTH, HEIGHT), 0, folder, force=True)
-    log, camera, exposures = demo.simulated("stock-camera", (WIDTH, HEIGHT), 0)
-    blurred = simulate(shelf(), log, camera, exposures[0]).blurred
-    photo, (path, other) = processed(blurred, np.random.default_rng(0), noise=0.01), sorted(folder.glob("IMG_*.jpg"))
-    write_picture(path, photo, like=read_picture(path), force=True)
-    other.unlink()
-
-
 def main() -> None:
     """Write the sheets and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "truth", help="folder of the sheets")
     parser.add_argument("--only", metavar="NAME", help="one capture")
-    parser.add_argument(
-        "--example", type=Path, metavar="FOLDER", help="write the example of docs/tutorials there, only"
-    )
     options = parser.parse_args()
-    if options.example is not None:
-        return write_example(options.example)
     options.out.mkdir(parents=True, exist_ok=True)
     print("| capture | blurred | " + " | ".join(WAYS) + " |\n|" + "---|" * (len(WAYS) + 2))
     for name, made in captures().items():
