@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter
+from scipy.signal import fftconvolve
 
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write
@@ -21,6 +22,8 @@ from rsdeblur.types import FloatArray
 
 # Samples of the path of a straight blur.
 LINE_SAMPLES = 129
+# Parts of a pixel along x and y in which parametric kernels are drawn, odd: up to this reach in px, and beyond it.
+LARGE, PARTS, PARTS_OF_LARGE = 60, 7, 3
 
 
 @one_line()
@@ -180,6 +183,55 @@ class PsfBank:
         moments = np.linspace(-0.5, 0.5, LINE_SAMPLES)[:, None]
         paths = BlurPaths(moments * ends[:, :, None], tile_centres(bands, height), tile_centres(strips, width))
         return cls.from_paths(paths)
+
+    @classmethod
+    def parametric(cls, *, line: tuple[float, float] = (0.0, 0.0), disc: float = 0.0, gauss: float = 0.0) -> PsfBank:
+        """Return the bank of one kernel for the whole picture: a line, a disc and a Gaussian, convolved.
+
+        Parameters
+        ----------
+        line : (float, float)
+            Straight motion: its length in px, from 0 to 300, and its angle in degrees, counter-clockwise from x.
+        disc : float
+            Defocus: diameter of a disc in px, from 0 to 200.
+        gauss : float
+            Standard deviation of a Gaussian in px, from 0 to 30.
+
+        Returns
+        -------
+        PsfBank
+            Its kernel is integrated over each pixel, and centred. It belongs to any size of picture.
+
+        Raises
+        ------
+        InputError
+            If an argument is not a number of its range.
+
+        Examples
+        --------
+        >>> import rsdeblur
+        >>> rsdeblur.PsfBank.parametric(line=(12, 30), disc=4, gauss=1.2).size
+        (21, 25)
+        """
+        length, angle = validate.real_array("line", line, (2,))
+        length = validate.finite("the length of line", float(length), minimum=0.0, maximum=300.0)
+        disc = validate.finite("disc", disc, minimum=0.0, maximum=200.0)
+        gauss = validate.finite("gauss", gauss, minimum=0.0, maximum=30.0)
+        end = length / 2 * np.array([np.cos(np.deg2rad(angle)), -np.sin(np.deg2rad(angle))])
+        reach = np.ceil(np.abs(end) + disc / 2 + 4 * gauss).astype(int)
+        n = PARTS if reach.max() <= LARGE else PARTS_OF_LARGE
+        x, y = (np.arange(-side, side + 1) for side in (n * reach + n // 2))
+        path = np.ascontiguousarray(n * np.stack([-end, end])[None])
+        drawn = rasterize(path, len(y) // 2, len(x) // 2, None)[0].astype(np.float64)
+        shapes = []
+        if disc > 0:  # its rim covers parts in part
+            shapes.append(np.clip(n * disc / 2 - np.hypot(x, y[:, None]) + 0.5, 0.0, 1.0))
+        if gauss > 0:
+            shapes += [np.exp(-0.5 * np.square(places / (n * gauss))) for places in (x[None], y[:, None])]
+        for shape in shapes:
+            drawn = fftconvolve(drawn, shape, mode="same").clip(0.0, None)
+        kernel = drawn.reshape(len(y) // n, n, len(x) // n, n).sum(axis=(1, 3))
+        return cls(kernel / kernel.sum(), np.zeros(1), np.zeros(1))
 
     @property
     def centres(self) -> FloatArray:

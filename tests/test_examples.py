@@ -199,3 +199,20 @@ def test_a_field_of_lines_has_no_signs() -> None:
     np.testing.assert_allclose(bank.kernels, np.broadcast_to(line.kernels, bank.kernels.shape), atol=1e-5)
     y, x = np.nonzero(bank.kernels[0, 0] > 0.01)
     assert np.polyfit(x - x.mean(), y - y.mean(), 1)[0] == pytest.approx(-4 / 9, abs=0.05)  # pixels of a line
+
+
+@pytest.mark.parametrize("line", [(0.0, 0.0), (12.3, 30.0), (7.0, -90.0)])
+@pytest.mark.parametrize(("disc", "gauss"), [(5.3, 0.0), (0.0, 1.2), (4.0, 0.7), (0.0, 2.5)])
+def test_a_parametric_kernel_has_the_moments_of_its_parts(line: tuple[float, float], disc: float, gauss: float) -> None:
+    kernel = PsfBank.parametric(line=line, disc=disc, gauss=gauss).kernels[0, 0].astype(float)
+    height, width = kernel.shape
+    y, x = np.mgrid[:height, :width] - np.array([height // 2, width // 2])[:, None, None]
+    cos, sin = np.cos(np.radians(line[1])), -np.sin(np.radians(line[1]))
+    round_part = disc**2 / 16 + gauss**2 + 1 / 12  # and a pixel
+    assert kernel.sum() == pytest.approx(1.0, abs=1e-6)  # float32
+    np.testing.assert_allclose([(kernel * x).sum(), (kernel * y).sum()], 0.0, atol=1e-5)
+    moments = [(kernel * each).sum() for each in (x * x, y * y, x * y)]
+    variance = line[0] ** 2 / 12
+    expected = [variance * cos**2 + round_part, variance * sin**2 + round_part, variance * sin * cos]
+    # px^2; the rim of a disc lies between pixels.
+    np.testing.assert_allclose(moments, expected, atol=0.05)

@@ -123,19 +123,18 @@ class PhotoJob:
     refine_anyway: bool = False
 
 
-def check_sources(context: click.Context, recording: Recording, psf: Path | None) -> None:
-    """Raise `click.UsageError` unless the blur comes either from a recording or from a file of PSFs."""
+def check_sources(context: click.Context, recording: Recording, psf: object) -> None:
+    """Raise `click.UsageError` unless the blur comes either from a recording or from a kernel, `psf`."""
     if psf is None:
         require(recording, "gyro")
         return
     blur = [each.name for each in fields(Options) if each.metadata.get("section") == BLUR]
     # Kernels have no half colours, and results no verdict.
     motion = (*ONE_PHOTO, *blur, "chroma", "fallback")
-    given = [flag(name) for name in motion if context.get_parameter_source(name) is not ParameterSource.DEFAULT]
+    unset = None, ParameterSource.DEFAULT
+    given = ", ".join(flag(name) for name in motion if context.get_parameter_source(name) not in unset)
     if given:
-        raise click.UsageError(
-            f"--psf gives the blur itself, so these options have no meaning: {', '.join(given)}", context
-        )
+        raise click.UsageError(f"the kernel is the blur itself, so these options have no meaning: {given}", context)
 
 
 def deblur_photo(job: PhotoJob, move: rs.Progress | None = None) -> dict[str, Any]:

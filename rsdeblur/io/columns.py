@@ -160,6 +160,8 @@ class Cell:
         if match is None:
             match = SUFFIX.fullmatch(text)
         name, unit = match.groups() if match else (text, "")
+        if len(name) > 1 and not unit and UNIT_OF.get(name) in TIME_SPELLINGS:
+            name, unit = "t", name  # the clock of small computers: `millis`
         known = UNIT_OF.get(re.sub(r"\s", "", unit))
         return cls(re.sub(r"[^a-z]", "", name) + axis, known, bool(unit) and known is None)
 

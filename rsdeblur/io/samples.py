@@ -246,8 +246,8 @@ def _timestamps(samples: Samples, rate: float | None, error: Error) -> NDArray[n
         return samples.ns
     if rate is None:
         raise error(
-            "the file contains no timestamps; give the sampling rate in Hz (rate, --rate), or name the column of "
-            "timestamps t, time or timestamp"
+            "no column is named like timestamps; give the sampling rate in Hz (rate, --rate), or choose the columns, "
+            "like --columns t=1:ms,gx=2,gy=3,gz=4"
         )
     rate = validate.finite("rate", rate, above=0.0)
     if not SLOWEST <= rate <= FASTEST:

@@ -79,6 +79,7 @@ SENSOR = {
     "an empty column": ("t\tnote\tgx\tgy\tgz\tmx\n", "{s}\t\t{x}\t{y}\t{z}\t1", "plain"),
     "double tabs": ("t\t\tgx\t\tgy\t\tgz\n", "{s}\t\t{x}\t\t{y}\t\t{z}", "plain"),
     "words": ("GYROSCOPE X (rad/s);Gyroscope Y;Gyroscope Z;Time since start in s \n", "{x};{y};{z};{s}", "plain"),
+    "the unit as the clock's name": ("index,nanos,gx,gy,gz\n", "1,{t},{x},{y},{z}", "plain"),
     "underscores": ("t_sec,gx_rad/s,gy_rad/s,gz_rad/s\n", "{s},{x},{y},{z}", "plain"),
     "exponents": ("Unix time (s),gx (rad·s⁻¹),gy (rad s⁻¹),gz (rad s⁻¹)\n", "{s},{x},{y},{z}", "plain"),
 }

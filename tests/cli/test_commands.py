@@ -17,6 +17,7 @@ from PIL import Image
 from rsdeblur import RsdeblurWarning, deconvolve
 from rsdeblur.estimate.time_offset import OffsetSearch
 from rsdeblur.io import open_gyro, read_camera, read_picture
+from rsdeblur.io.arrays import read_psfs
 from rsdeblur.psf import PsfBank
 
 if TYPE_CHECKING:
@@ -110,10 +111,10 @@ def test_compare_writes_pictures_facts_and_a_report(run: Run, files: Files, tmp_
 
 
 def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:
-    drawing, bank = tmp_path / "psfs.png", tmp_path / "psfs.npz"
+    drawing, bank, paths = tmp_path / "psfs.png", tmp_path / "psfs.npz", tmp_path / "paths.csv"
     result = run(
         "psf", *files.recording, "--bands", 4, "--strips", 2, "-o", drawing, "--bank", bank,
-        "--picture", files.photo, "--json",
+        "--picture", files.photo, "--path", paths, "--json",
     )  # fmt: skip
     assert result.exit_code == 0, result.stderr
     report = json.loads(result.stdout)
@@ -123,6 +124,23 @@ def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:
     assert 0.0 < report["path_px"]["shortest"] <= report["path_px"]["longest"]
     with Image.open(drawing) as picture:
         assert picture.mode == "RGB"
+    table = np.loadtxt(paths, delimiter=",", skiprows=1).reshape(4, 2, -1, 5)
+    np.testing.assert_allclose(table[..., 3:], loaded.displacements, rtol=1e-8, atol=1e-12)  # nine digits
+    np.testing.assert_allclose(table[:, :, 0, :2], loaded.centres, rtol=1e-8)
+    assert np.ptp(table[0, 0, :, 2]) == pytest.approx(DURATION)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".npy", ".npz"])
+def test_a_parametric_kernel_is_one_for_deblur(run: Run, files: Files, tmp_path: Path, suffix: str) -> None:
+    kernel, out = tmp_path / f"kernel{suffix}", tmp_path / "o.png"
+    shape = ("--line", "5,30", "--disc", 2, "--gauss", 0.8)
+    assert run("psf", *shape, "-o", kernel, "--json").exit_code == 0
+    expected = PsfBank.parametric(line=(5, 30), disc=2, gauss=0.8).kernels
+    # 16 bits of the peak, which is 0.1.
+    np.testing.assert_allclose(read_psfs(kernel, (48, 64)).kernels, expected, atol=2e-6)
+    assert run("deblur", files.photo, "--psf", kernel, "--prior", "wiener", "-o", out).exit_code == 0
+    refused = run("psf", *shape, "--gyro", files.gyro, "-o", kernel, "--force")
+    assert (refused.exit_code, "no meaning: --gyro" in refused.stderr) == (2, True)
 
 
 def test_simulate_writes_three_pictures(run: Run, files: Files, tmp_path: Path) -> None:
