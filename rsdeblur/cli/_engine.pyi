@@ -55,9 +55,9 @@ from rsdeblur.io.pictures import read_picture as read_picture
 from rsdeblur.io.samples import GyroFile as GyroFile
 from rsdeblur.io.sessions import SessionPhoto as SessionPhoto
 from rsdeblur.io.sessions import camera_in as camera_in
+from rsdeblur.io.sessions import capture_files as capture_files
 from rsdeblur.io.sessions import files_in as files_in
 from rsdeblur.io.sessions import gyro_log_in as gyro_log_in
-from rsdeblur.io.sessions import has_captures as has_captures
 from rsdeblur.io.sessions import indices_of as indices_of
 from rsdeblur.io.sessions import open_session as open_session
 from rsdeblur.io.sessions import photos_in as photos_in

@@ -97,7 +97,7 @@ def _places(paths: Iterable[Path]) -> set[tuple[int, ...]]:
 
 def _session(folder: Path, defaults: Recording, output: Path) -> Iterator[Item]:
     files = rs.files_in(folder, without=output)
-    if defaults.start == "exif" or (defaults.capture is None and not rs.has_captures(files)):
+    if defaults.start == "exif" or (defaults.capture is None and not rs.capture_files(files)):
         # The photos of a camera app, beside a log: their EXIF blocks give what is missing.
         gyro, camera = defaults.gyro or rs.gyro_log_in(folder, files), defaults.camera or rs.camera_in(files)
         defaults = replace(defaults, start="exif")

@@ -259,10 +259,7 @@ def _read_log(source: Source, request: Request) -> CameraFile:
         facts = dict(open_gyro(source.path).facts)
     size = request.size or (_video_size(source) if is_video(source) else None)
     if size is None:
-        raise source.error(
-            "the file does not contain the size of the picture: make a camera file with rsdeblur camera import and "
-            "--size 1920x1080"
-        )
+        raise source.error("the file does not contain the picture's size: use rsdeblur camera import --size 1920x1080")
     fields: dict[str, Any] = {"size": size, "focal_length": request.focal_length, "imu_to_camera": "gyroflow"}
     fields |= {"readout_time": facts.pop("readout_time_s", None), "timestamp_marks": "middle"}
     fields["readout_direction"] = facts.pop("readout_direction", "top-down")
@@ -270,10 +267,7 @@ def _read_log(source: Source, request: Request) -> CameraFile:
     if request.focal_length is None:
         view = facts.get("field_of_view_deg")
         if view is None:
-            raise source.error(
-                "the file does not contain the focal length; give --focal-length or --focal35, or import a lens "
-                "profile of Gyroflow instead"
-            )
+            raise source.error("the file contains no focal length; give --focal-length or --focal35, or a lens profile")
         # Without digital correction, action cameras have an equidistant lens, to a few percent.
         focal_length = math.hypot(*size) / 2 / math.radians(view / 2)
         fields |= {"focal_length": focal_length, "distortion_model": "fisheye", "distortion": (0.0,) * 4}

@@ -114,10 +114,7 @@ def _tables(files: list[Path]) -> list[Path]:
 
 
 def _captures(folder: Path, files: list[Path]) -> tuple[Path, CaptureFile]:
-    candidates = []
-    for path in _tables(files):
-        with suppress(FileFormatError):
-            candidates.append((path, open_captures(path)))
+    candidates = capture_files(files)
     if not candidates:
         raise FileFormatError(
             f"{folder}: no capture file in the folder (movie_metadata.csv, ..._timestamps.csv or images.txt); "
@@ -127,13 +124,13 @@ def _captures(folder: Path, files: list[Path]) -> tuple[Path, CaptureFile]:
     return min(candidates, key=lambda pair: (None in pair[1].durations, "timestamps" not in pair[0].name.lower()))
 
 
-def has_captures(files: list[Path]) -> bool:
-    """Return whether one of the files of a folder is a capture file."""
+def capture_files(files: list[Path]) -> list[tuple[Path, CaptureFile]]:
+    """Return the capture files among the files of a folder."""
+    found = []
     for path in _tables(files):
         with suppress(FileFormatError):
-            open_captures(path)
-            return True
-    return False
+            found.append((path, open_captures(path)))
+    return found
 
 
 def encoded_timestamps(capture: Path) -> list[int] | None:

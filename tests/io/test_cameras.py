@@ -227,7 +227,7 @@ class TestMars:
 
 def test_gcsv(write: Write) -> None:
     path = write(files.GYRO_TABLES["gcsv"][0])
-    with pytest.raises(FileFormatError, match="size of the picture"):
+    with pytest.raises(FileFormatError, match="--size"):
         open_camera(path)
     with pytest.raises(FileFormatError, match="--focal-length or --focal35"):
         open_camera(path, size=(1920, 1080))
