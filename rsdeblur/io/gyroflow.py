@@ -327,19 +327,20 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
 def _doubts(profile: Mapping[str, Any], width: int, fx: float, fy: float) -> list[str]:
     """Return why the focal lengths of a profile, in px of a picture of this width, are hardly those of its lens."""
     doubts, measure = [], "; measure it: rsdeblur calibrate"
-    if fx > 0 < fy and max(fx, fy) / min(fx, fy) > 1.05:
+    stretch = max(fx, fy) / min(fx, fy) if fx > 0 < fy else 1.0
+    # Pixels of 4:3, and anamorphic lenses.
+    if stretch > 1.05 and min(abs(stretch - known) for known in (4 / 3, 1.5, 1.8, 2.0)) > 0.03:
         doubts.append(f"the focal lengths along x and y, {fx:.0f} and {fy:.0f} px, differ by more than 5%{measure}")
-    view = math.degrees(2 * math.atan(width / 2 / fx))
-    if view < NARROWEST:
-        doubts.append(f"the focal length of {fx:.0f} px means a field of view of {view:.3g} degrees{measure}")
     # The name of a zoom lens contains its range.
     named = re.findall(r"(?<![\d.-])(\d+(?:\.\d+)?) ?mm", f"{profile.get('lens_model')}".lower())
     millimetres = float(profile.get("focal_length") or (named[0] if len(named) == 1 else 0))
-    sensor = millimetres * width / fx
-    if millimetres and not SENSORS[0] < sensor < SENSORS[1]:
-        doubts.append(
-            f"a focal length of {fx:.0f} px and a lens of {millimetres:g} mm mean a sensor of {sensor:.3g} mm{measure}"
-        )
+    sensor, view = millimetres * width / fx, math.degrees(2 * math.atan(width / 2 / fx))
+    fits = SENSORS[0] < sensor < SENSORS[1]
+    if view < NARROWEST and not fits:
+        doubts.append(f"the focal length of {fx:.0f} px means a field of view of {view:.3g} degrees{measure}")
+    if millimetres and not fits:
+        lens = f"a focal length of {fx:.0f} px and a lens of {millimetres:g} mm"
+        doubts.append(f"{lens} mean a sensor of {sensor:.3g} mm{measure}")
     return doubts
 
 

@@ -152,6 +152,9 @@ def test_dso(write: Write) -> None:
         (2100, 2100, "", "field of view of 10.9 degrees"),
         (210, 210, "50mm f/1.8", "a lens of 50 mm mean a sensor of 95.2 mm"),
         (210, 215, "18-55mm", None),
+        # A stretched picture, and a long lens that is named.
+        (210, 280, "", None),
+        (2100, 2100, "90mm", None),
     ],
 )
 def test_implausible_profiles_are_remarked(write: Write, fx: float, fy: float, lens: str, words: str | None) -> None:
