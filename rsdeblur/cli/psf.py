@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur.cli import _engine as rs
@@ -96,6 +95,8 @@ def command(
 
 def _save_paths(path: Path, bank: rs.PsfBank, duration: float) -> None:
     """Write the paths of a bank, at times relative to the middle of each place's exposure."""
+    import numpy as np
+
     paths = bank.displacements
     assert paths is not None
     bands, strips, samples, _ = paths.shape

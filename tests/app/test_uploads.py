@@ -1,5 +1,6 @@
 """Laws of the app's temporary folder, and of the line that is copied into a terminal."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -64,7 +65,8 @@ def test_a_start_removes_what_a_killed_app_left_and_nothing_else(uploads, tempor
     kept, others = uploads.keep("photo.png", b"mine"), temporary / "rsdeblur-app-file"
     others.write_bytes(b"no folder")
     killed = "from rsdeblur.app.uploads import *; Uploads().keep('a.csv', b'1'); os.kill(os.getpid(), 9)"
-    subprocess.run([sys.executable, "-c", killed], env={"TMPDIR": str(temporary)}, check=False)
+    environment = os.environ | {"TMPDIR": str(temporary)}
+    subprocess.run([sys.executable, "-P", "-c", killed], env=environment, check=False)
     assert len(list(temporary.rglob("a.csv"))) == 1
     Uploads().close()
     assert list(temporary.rglob("a.csv")) == []
