@@ -70,17 +70,17 @@ def deconvolve(
     DeblurResult
         The sharp picture, and what was used for it, without a verdict.
 
+    Raises
+    ------
+    InputError
+        If an argument is out of range, the PSF is larger than the picture, or its place lies outside.
+
     Warns
     -----
     RsdeblurWarning
         With `check`, if a PSF is not 0 along its rim, or another encoding or the PSFs turned by half a turn explain the
         picture clearly better: where they are right, a result blurred again is the picture. Three results of the
         middle 320 px of it tell.
-
-    Raises
-    ------
-    InputError
-        If an argument is out of range, the PSF is larger than the picture, or its place lies outside.
 
     Examples
     --------
