@@ -46,8 +46,8 @@ class Alternative(NamedTuple):
 LEAD = Bounds(-1.5, -7.25, clear=2.0)
 RINGING = Bounds(0.045, 0.17)
 TURN = Bounds(0.01, 0.05, clear=-0.03)
-# Detail below which a result has lost what the blur left, see :class:`QualityCheck`. Better results have more than 0.68
-# with the Wiener filter and 1.3 with other priors, at noise of 40 to 22 dB; fog has less.
+# Detail below which a result has lost what the blur left, see :class:`QualityCheck`. Results that are better than the
+# photo have 1.1 and more (`python -m benchmarks.verdict --phone --new --records FILE` keeps it for each); fog has less.
 LEAST_DETAIL = 0.65
 # Gain, nats, and standard deviations from which a change of the focal length that refinement refused makes a result
 # doubtful; and the change, as the logarithm of a factor, from which an accepted one does.

@@ -12,8 +12,6 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from rsdeblur._util.binary import BASE91
-
 # A timestamp in ns that float64 cannot represent, and the samples in all logs: t in ns; x, y, z in rad/s or m/s^2.
 EPOCH, STEP = 1_766_385_749_427_863_801, 5_000_000
 RATES = np.random.default_rng(0).normal(0.0, 0.5, (20, 3)).round(6)
@@ -162,62 +160,6 @@ def trailer(count: int = len(RATES), oldest: int = 7) -> bytes:
     ring = ring[len(ring) - 7 :] + ring[: len(ring) - 7]
     header = struct.pack("<16sqIIq", b"GYRODATA", EPOCH + 99, count, oldest, EPOCH)
     return jpeg() + (header + b"".join(ring)).ljust(16384, b"\0")
-
-
-def base91(data: bytes) -> str:
-    """Return `data` encoded as basE91 (Henke)."""
-    out, bits, count = bytearray(), 0, 0
-    for byte in data:
-        bits |= byte << count
-        count += 8
-        if count > 13:
-            width = 13 if bits & 8191 > 88 else 14
-            value = bits & (2**width - 1)
-            bits, count = bits >> width, count - width
-            out += bytes([BASE91[value % 91], BASE91[value // 91]])
-    if count:
-        out.append(BASE91[bits % 91])
-        if count > 7 or bits > 90:
-            out.append(BASE91[bits // 91])
-    return out.decode()
-
-
-def project(gyro: Any, **changes: Any) -> bytes:
-    """Return a Gyroflow project with a lens profile in it."""
-    content = {
-        "title": "Gyroflow data file",
-        "version": 4,
-        "offsets": {"1000000": -12.5, "2000000": [-14.5, 0.1]},
-        "gyro_source": {"imu_orientation": "xZy", "filepath": "video.mp4"} | gyro,
-        "stabilization": {"frame_readout_time": -15.0},
-        "video_info": {"width": 200, "height": 150, "fps": 30.0, "rotation": 90},
-        "calibration_data": PROFILE,
-    }
-    return json.dumps(content | changes).encode()
-
-
-def packed_project(payload: bytes, key: str) -> bytes:
-    """Return a project whose gyro data are packed."""
-    return project({key: base91(zlib.compress(payload))})
-
-
-def cbor() -> bytes:
-    """Return the payload of a current project."""
-    import cbor2
-
-    samples = [{"timestamp_ms": 5.0 * i, "gyro": rate} for i, rate in enumerate(np.degrees(RATES).tolist())]
-    encoded: bytes = cbor2.dumps(
-        {"raw_imu": samples, "quaternions": {}, "imu_orientation": "XYZ", "detected_source": "a camera"}
-    )
-    return encoded
-
-
-def bincode() -> bytes:
-    """Return the payload of a project of version 2."""
-    packed = struct.pack("<Q", len(RATES))
-    for i, rate in enumerate(np.degrees(RATES).tolist()):
-        packed += struct.pack("<dB3dB3dB", 5.0 * i, 1, *rate, 1, 0.0, 0.0, 1.0, 0)
-    return packed
 
 
 PROFILE: dict[str, Any] = {

@@ -1,7 +1,6 @@
 """Baselines, and the benchmarks' own machinery: how times are compared, and what happens where something is missing."""
 
 import importlib
-import sys
 from functools import cache
 from types import SimpleNamespace
 
@@ -62,18 +61,6 @@ def test_calls_that_the_host_interrupted_are_measured_again(module):
     assert len(clock.calls) == 4
 
 
-def test_missing_alternative_is_skipped_with_a_message(module, monkeypatch):
-    peers, cases = module("peers"), module("cases")
-    for name in ("cv2", "mkl_fft", "regularizepsf"):
-        monkeypatch.setitem(sys.modules, name, None)  # the import system's way to say that there is none
-    alternatives = {name: peers.c.ALTERNATIVES[name] for name in (peers.c.PERIODIC, "SciPy FFT", "OpenCV", peers.c.MKL)}
-    monkeypatch.setattr(peers.c, "ALTERNATIVES", alternatives)
-    tasks, builds, skipped = peers.build(cases.Case(64, 48, (5, 9)), [1, 2])
-    assert set(tasks) == set(builds) == {(name, n) for name in (peers.c.PERIODIC, "SciPy FFT") for n in (1, 2)}
-    assert [message.split(":")[0] for message in skipped] == ["OpenCV", peers.c.MKL]
-    assert "cv2" in skipped[0]
-
-
 def test_figures_of_several_runs_make_one_page(module, tmp_path, monkeypatch):
     """Each run writes some groups' figures; the page shows all, in the order of the groups."""
     needs("plot")
@@ -120,14 +107,6 @@ def test_without_recordings_pictures_that_anybody_has_take_their_place(module, m
         assert kernel.sum() == pytest.approx(1.0)
         assert all(side % 2 for side in kernel.shape)
     assert data.noted("table").splitlines() == [data.NOTE, "", "table"]
-
-
-def test_set12_without_its_data_is_skipped_with_a_message(module, monkeypatch, tmp_path):
-    set12, data = module("set12"), module("data")
-    monkeypatch.setattr(data, "DATA", tmp_path)
-    monkeypatch.setattr(data, "RECORDED", True)
-    with pytest.raises(SystemExit, match="skipped: no Set12"):
-        set12.Case(1, 0, 2.55, "valid").blurred()
 
 
 NOISE = 0.003

@@ -14,7 +14,7 @@ from rsdeblur import PsfBank, read_picture, write_picture
 from rsdeblur.io import open_camera, read_acceleration, read_trajectory
 from rsdeblur.io.picture_output import picture_to_fill
 from rsdeblur.report.files import camera_facts, capture_facts, gyro_facts, picture_facts
-from tests._util import files
+from tests._util import files, gyroflow
 from tests.hostile import packets
 from tests.hostile.mutate import mutated
 
@@ -124,24 +124,24 @@ TARGETS: dict[str, Target] = {
     "gyroflow": Target(
         _gyro,
         lambda: [
-            files.project({"raw_imu": [[0.005 * i, *rate] for i, rate in enumerate(files.RATES.tolist())]}),
-            files.project({"raw_imu": [{"timestamp_ms": 5 * i, "gyro": [1, 2, 3.5]} for i in range(9)]}),
-            files.packed_project(files.cbor(), "file_metadata"),
+            gyroflow.project({"raw_imu": [[0.005 * i, *rate] for i, rate in enumerate(files.RATES.tolist())]}),
+            gyroflow.project({"raw_imu": [{"timestamp_ms": 5 * i, "gyro": [1, 2, 3.5]} for i in range(9)]}),
+            gyroflow.packed_project(gyroflow.cbor(), "file_metadata"),
             b'{"gyro_source": {"raw_imu": [[0.0, 1, 2, 3], [0.005, 1, 2, 3]]}}',
         ],
         "a.gyroflow",
         text=True,
     ),
     "gyroflow-cbor": Target(
-        _gyro, lambda: [files.cbor()], "a.gyroflow", pack=partial(files.packed_project, key="file_metadata")
+        _gyro, lambda: [gyroflow.cbor()], "a.gyroflow", pack=partial(gyroflow.packed_project, key="file_metadata")
     ),
     "gyroflow-bincode": Target(
-        _gyro, lambda: [files.bincode()], "a.gyroflow", pack=partial(files.packed_project, key="raw_imu")
+        _gyro, lambda: [gyroflow.bincode()], "a.gyroflow", pack=partial(gyroflow.packed_project, key="raw_imu")
     ),
     "toml": _text(_camera, files.CAMERA_TOML, "camera.toml"),
     "kalibr": _text(_camera, files.KALIBR, "camera.yaml"),
     "dso": Target(_camera, lambda: [text.encode() for text in files.DSO], "camera.txt", text=True),
-    "gyroflow-lens": Target(_camera, lambda: [*files.LENSES, files.project({})], "lens.json", text=True),
+    "gyroflow-lens": Target(_camera, lambda: [*files.LENSES, gyroflow.project({})], "lens.json", text=True),
     "exif": Target(_camera, lambda: [files.exif()], "a.jpg", pack=files.jpeg),
     "captures": _text(_captures, files.CAPTURES, "captures.csv"),
     "mars-camera": _text(_camera, [files.CAPTURES["ios"].encode()], "captures.csv"),

@@ -16,7 +16,7 @@ from rsdeblur.io import open_camera
 from rsdeblur.io.cameras import write_time_offset
 from rsdeblur.io.gyro_binary import frame_exposures
 from rsdeblur.motion.axes import imu_to_camera
-from tests._util import files
+from tests._util import files, gyroflow
 from tests.installed import needs
 
 Write = Callable[..., Path]
@@ -95,7 +95,7 @@ class TestLensProfile:
         np.testing.assert_allclose(file.camera.project(file.camera.rays(corners)), corners, atol=1e-9)
 
     def test_a_project_adds_size_readout_and_clock(self, write: Write) -> None:
-        file = open_camera(write(files.project({})))
+        file = open_camera(write(gyroflow.project({})))
         assert (file.camera.width, file.camera.readout_time, file.camera.readout_direction) == (200, 0.008, "top-down")
         assert file.camera.time_offset == pytest.approx(-0.0135)
         about = " ".join(assumption.text for assumption in file.assumptions)

@@ -14,7 +14,7 @@ from rsdeblur.io.samples import GYRO
 from rsdeblur.motion import AccelerationLog
 from rsdeblur.motion.axes import imu_to_camera
 from rsdeblur.motion.track import OrientationTrack
-from tests._util import files
+from tests._util import files, gyroflow
 from tests._util.files import (
     ACCELERATIONS,
     EPOCH,
@@ -226,10 +226,10 @@ def test_the_ring_is_unrolled(write: Write) -> None:
 PLAIN = {"raw_imu": [[0.005 * i, *rate, 0, 0, 0] for i, rate in enumerate(RATES.tolist())]}
 ENTRIES = [{"timestamp_ms": 5.0 * i, "gyro": rate, "accl": None} for i, rate in enumerate(np.degrees(RATES).tolist())]
 PROJECTS = {
-    "written by Python": lambda: files.project(PLAIN),
-    "version 2, bincode": lambda: files.packed_project(files.bincode(), "raw_imu"),
-    "version 3": lambda: files.project({"file_metadata": {"raw_imu": ENTRIES}}),
-    "current": lambda: files.packed_project(files.cbor(), "file_metadata"),
+    "written by Python": lambda: gyroflow.project(PLAIN),
+    "version 2, bincode": lambda: gyroflow.packed_project(gyroflow.bincode(), "raw_imu"),
+    "version 3": lambda: gyroflow.project({"file_metadata": {"raw_imu": ENTRIES}}),
+    "current": lambda: gyroflow.packed_project(gyroflow.cbor(), "file_metadata"),
 }
 
 
@@ -248,7 +248,7 @@ class TestGyroflowProject:
 
     def test_bias_and_rotation_are_gyroflows(self, write: Write) -> None:
         changes: list[dict[str, Any]] = [{}, {"gyro_bias": [1.0, 2.0, 3.0]}, {"rotation": [0.0, 90.0, 0.0]}]
-        omega = [read_gyro(write(files.project(PLAIN | change))).omega for change in changes]
+        omega = [read_gyro(write(gyroflow.project(PLAIN | change))).omega for change in changes]
         # the bias is in raw axes and added before they are turned
         np.testing.assert_allclose(omega[1] - omega[0], np.radians([[-1.0, 3.0, -2.0]] * len(RATES)), atol=1e-12)
         # roll turns about z

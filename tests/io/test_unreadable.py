@@ -1,5 +1,4 @@
-"""What no reader can read: a table of contents for each kind of file, each refused by file, line and cause; exchanged
-files are named with the place to give them.
+"""What no reader can read: a table of contents for each kind of file, each refused by file, line and cause.
 
 `test_hostile_input.py` damages files at random.
 """
@@ -22,11 +21,10 @@ import rsdeblur
 from rsdeblur import Camera, FileFormatError, read_gyro, read_picture, read_trajectory, write_picture
 from rsdeblur.io import Picture, open_camera, read_acceleration, read_depths
 from rsdeblur.io.arrays import read_psfs
-from rsdeblur.io.cameras import write_time_offset
 from rsdeblur.io.captures import read_clocks
 from rsdeblur.io.source import BLOCK_UNTRUSTED
-from tests._util import files
-from tests._util.files import ANDROID, FORCES, IOS, LAYOUTS, MARS, STEP, npy, rows, tiff, zipped
+from tests._util import files, gyroflow
+from tests._util.files import ANDROID, FORCES, IOS, LAYOUTS, MARS, STEP, npy, rows, tiff
 from tests.installed import needs
 
 Content = str | bytes | Callable[[], str | bytes]
@@ -170,17 +168,17 @@ ARCHIVES: list[Fault] = [
         zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)),
 ]  # fmt: skip
 PROJECTS: list[Fault] = [
-    *((files.project(raw), 0, words) for raw, words in (
+    *((gyroflow.project(raw), 0, words) for raw, words in (
         ({}, "without gyro data.*video.mp4"), ({"raw_imu": "é"}, "damaged"),
-        ({"raw_imu": files.base91(b"x\x9c" + bytes(9))}, "damaged"),
+        ({"raw_imu": gyroflow.base91(b"x\x9c" + bytes(9))}, "damaged"),
         ({"raw_imu": [{"timestamp_ms": 0.0, "gyro": [1.0, 2.0]}]}, "damaged"),
         ({"raw_imu": [[0.0, 1.0, 2.0, float("nan")], [1.0, 2.0, 3.0, 4.0]]}, "sample 0: impossible rates"),
         ({"raw_imu": [[float("nan"), 1.0, 2.0, 3.0]]}, "sample 0: timestamp nan"),
         *(({"raw_imu": [{"timestamp_ms": t, "gyro": [1, 2, 3]} for t in (0, end)]}, "sample 1: timestamp") for end in (
             1e300, 9.3e12, -9.3e12)))),
-    (files.project(PROJECT)[:-2], 0, "not JSON, or cut off|damaged"),
+    (gyroflow.project(PROJECT)[:-2], 0, "not JSON, or cut off|damaged"),
     *(('{"raw_imu": ' + nest * 100_000, 0, "") for nest in ("[", '{"a":')),
-    (lambda: files.packed_project(bytes(70_000_000), "raw_imu"), 0, "unpack"),
+    (lambda: gyroflow.packed_project(bytes(70_000_000), "raw_imu"), 0, "unpack"),
 ]  # fmt: skip
 # The first two claim a sample larger than the file; sizes do not count beyond the end of the table.
 VIDEOS: list[Fault] = [
@@ -238,7 +236,7 @@ PROFILES: list[Fault] = [
         ({"distortion_model": "poly3"}, "poly3"), ({"digital_lens": "gopro_superview"}, "gopro_superview"),
         ({"input_horizontal_stretch": 1.33}, "stretches"), ({"crop": "half"}, "damaged"),
         *(({"crop": crop}, "crop is") for crop in (5e-324, 1e300, float("inf"))))),
-    (files.project({}, calibration_data={}), 0, "contains no calibration"),
+    (gyroflow.project({}, calibration_data={}), 0, "contains no calibration"),
     *(('{"raw_imu": ' + nest * 100_000, 0, "") for nest in ("[", '{"a":')),
     ("a: 1" + "\n" * 100_000, 0, ""),
 ]  # fmt: skip
@@ -361,7 +359,7 @@ MP4, HEIC = (b"\0\0\0\x18ftyp" + brand + bytes(99) for brand in (b"mp42", b"heic
 @pytest.mark.parametrize(
     ("module", "extra", "read", "content"),
     [
-        ("cbor2", "gyroflow", read_gyro, files.packed_project(b"\xa0" * 9, "file_metadata")),
+        ("cbor2", "gyroflow", read_gyro, gyroflow.packed_project(b"\xa0" * 9, "file_metadata")),
         ("telemetry_parser", "telemetry", read_gyro, MP4),
         ("yaml", "kalibr", open_camera, files.CHAIN),
         ("pillow_heif", "heif", read_picture, HEIC),
@@ -414,102 +412,3 @@ def test_other_pictures_are_read(tmp_path, name, request, monkeypatch):
     # Zero switches nothing off.
     monkeypatch.setenv(BLOCK_UNTRUSTED, "0") if name == "a.tif" else request.getfixturevalue("refused")
     assert read_picture(tmp_path / name).pixels.shape == PIXELS.shape
-
-
-BY_KIND: dict[str, Callable[[Path], Any]] = {
-    "gyro log": rsdeblur.read_gyro,
-    "capture file": lambda path: rsdeblur.read_captures(path, duration=0.01),
-    "camera file": rsdeblur.read_camera,
-    "trajectory": rsdeblur.read_trajectory,
-    "picture": rsdeblur.read_picture,
-}
-ADVICE = {
-    "gyro log": "give it as --gyro",
-    "capture file": "give it as --capture",
-    "camera file": "give it as --camera",
-    "trajectory": "rsdeblur.read_trajectory reads it",
-    "picture": "give it as the photo",
-    "video": "give it to rsdeblur video",
-}
-# Name and content of files, by kind. Where a kind may be read from another one, as a camera from a log, that is left
-# out.
-FILES: dict[str, list[tuple[str, str]]] = {
-    "gyro log": [
-        ("gyro.csv", "t,wx,wy,wz\n" + files.rows("{s},{x},{y},{z}")),
-        *((f"{name} gyro.csv", files.LAYOUTS[name][0]) for name in ("mars", "kalibr", "tags", "opencamera")),
-    ],
-    "capture file": [(f"{name}.csv", files.CAPTURES[name]) for name in ("deepgyro", "image-info", "timestamps")]
-    + [("named.csv", files.CAPTURES["named"]), ("frame_timestamps.txt", files.CAPTURES["named timestamps"])],
-    "camera file": [
-        ("camera.toml", files.CAMERA_TOML[0].decode()),
-        ("camera.txt", files.CAMERA_TOML[1].decode()),
-        ("camchain.yaml", files.CHAIN),
-        ("lens.json", files.LENSES[0].decode()),
-    ],
-    "trajectory": [(f"{name}.txt", files.TRAJECTORIES[name]) for name in ("tum without a header", "named")],
-}
-# A table of four or eight numbers without a header may be a trajectory.
-LIKE = [("opencamera gyro.csv", "trajectory"), ("image-info.csv", "trajectory")]
-EXCHANGED = [
-    (kind, name, content, reader)
-    for kind, files in FILES.items()
-    for name, content in files
-    for reader in BY_KIND
-    if reader != kind and (name, reader) not in LIKE
-]
-
-
-@pytest.mark.parametrize(("kind", "name", "content", "reader"), EXCHANGED)
-def test_exchanged_files_are_named(tmp_path: Path, kind: str, name: str, content: str, reader: str) -> None:
-    path = tmp_path / name
-    path.write_text(content)
-    with pytest.raises(FileFormatError) as error:
-        BY_KIND[reader](path)
-    message = str(error.value)
-    assert message.startswith(f"{path}: not a {reader}: it looks like a {kind} (")
-    assert message.endswith(f"; {ADVICE[kind]}")
-
-
-BINARY = {
-    "picture": [
-        *(("a.png", files.pngs()[0]), ("a.jpg", files.jpegs()[0]), ("a.tif", files.tiffs()[0])),
-        *(("a.webp", files.webps()[0]), ("a.heic", b"\0\0\0\x18ftypheic" + bytes(64))),
-    ],
-    "video": [("clip.mp4", b"\0\0\0\x18ftypmp42" + bytes(64))],
-}
-
-
-@pytest.mark.parametrize("reader", ["gyro log", "capture file", "trajectory", "picture"])
-@pytest.mark.parametrize("kind", BINARY)
-def test_pictures_and_videos_are_named(write: Callable[..., Path], reader: str, kind: str) -> None:
-    if reader != kind and (reader, kind) != ("gyro log", "video"):
-        for name, content in BINARY[kind]:
-            with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a {kind}; {ADVICE[kind]}"):
-                BY_KIND[reader](write(content, name))
-
-
-@pytest.mark.parametrize("reader", ["capture file", "camera file", "trajectory", "picture"])
-def test_archives_of_logger_apps_are_named(write: Callable[..., Path], reader: str) -> None:
-    path = write(zipped(dict(FILES["gyro log"][:1])), "export.zip")
-    with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a gyro log .zip archive.; give it as"):
-        BY_KIND[reader](path)
-    write(zipped({"notes.txt": "no log"}), "export.zip")
-    with pytest.raises(FileFormatError, match=r"export\.zip: (?!.*looks like)"):
-        BY_KIND[reader](path)
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("camchain.yaml", files.CHAIN, "format kalibr has no place .* rsdeblur camera import"),
-        FILES["gyro log"][0] + ("it looks like a gyro log",),
-        ("camera.toml", "width = 320\n", "lacks height"),
-    ],
-)
-def test_only_a_camera_file_has_a_place_for_the_time_offset(tmp_path, name, content, message):
-    if name.endswith(".yaml"):
-        needs("kalibr")
-    path = tmp_path / name
-    path.write_text(content)
-    with pytest.raises(FileFormatError, match=message):
-        write_time_offset(path, 0.1)
