@@ -85,9 +85,7 @@ def run(size: tuple[int, int], rounds: int, threads: int, *, steady: bool = Fals
     solvers, work = {}, {}
     for height in TARGETS:
         paths = row_paths(Case(*size, (WIDTH, height)))
-        solvers[height] = solver = RowDeconvolver(
-            paths, case.shape, nsr=NSR, solver="direct", planning="measure", threads=threads
-        )
+        solvers[height] = solver = RowDeconvolver(paths, case.shape, nsr=NSR, planning="measure", threads=threads)
         jobs["apply", height] = lambda solver=solver: solver.apply(picture, out)  # type: ignore[misc]  # bound now
         few = BlurPaths(paths.displacements[: FEW * height], paths.rows[: FEW * height], paths.cols)
         for name, part in (("block", paths), ("cached", few)):

@@ -48,8 +48,6 @@ SHARP = "-sharp"
 # File beside the results of a batch that lists them; default name of a camera file.
 BATCH, CAMERA = "batch.json", "camera.toml"
 
-Solver = Literal["auto", "direct", "cg"]
-SOLVERS: tuple[Solver, ...] = get_args(Solver)
 
 Geometry = Literal["keep", "rectify"]
 GEOMETRIES: tuple[Geometry, ...] = get_args(Geometry)

@@ -195,7 +195,7 @@ def test_any_number_of_threads_gives_the_same_bits(mode: str, softness: float) -
     # Each prior with another border; the CNN, which takes as long as all others, in tests/deconv/test_cnn.py.
     borders = itertools.cycle(BORDERS if mode == "rowwise" else (*BORDERS, *BOUNDARIES))
     for n, (prior, border) in enumerate(zip([p for p in PRIORS if p != "cnn"], borders, strict=False)):
-        turns = {"solver": ("direct", "cg")[n % 2], "bands": 1 + n // 2 % 2, "strips": 1 + n // 4 % 2}
+        turns = {"bands": 1 + n // 2 % 2, "strips": 1 + n // 4 % 2}
         options = {"mode": mode, "prior": prior, "softness": softness, "border": border, "nsr": 0.01, **turns}
         one, two = (
             deblur(image, SHAKE, WIDE, WINDOWS[0], check=False, threads=threads, **options).image for threads in (1, 2)

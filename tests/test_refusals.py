@@ -344,7 +344,7 @@ CALLS: dict[str, Door] = {
     **options(
         rs.deblur,
         (PLAIN, LOG, CAMERA, EXPOSURE),
-        "mode bands strips prior weight exponent nsr noise solver geometry border motion translation softness "
+        "mode bands strips prior weight exponent nsr noise geometry border motion translation softness "
         "transfer normalize saturation check fallback planning threads max_memory out progress",
     ),
     "deconvolve: image": lambda x: rs.deconvolve(x, BANK),
@@ -389,7 +389,7 @@ CALLS: dict[str, Door] = {
     "Deconvolver.replan: bank": WIENER.replan,
     "TileQuadratic.apply: image": lambda x: TILES.apply(x, prior=PRIOR),
     "RowDeconvolver: paths": lambda x: deconv.RowDeconvolver(x, SHAPE),
-    **options(deconv.RowDeconvolver, (PATHS, SHAPE), "nsr solver border planning threads"),
+    **options(deconv.RowDeconvolver, (PATHS, SHAPE), "nsr border planning threads"),
     "RowDeconvolver.apply: image": ROWS.apply,
     "RowBlur: paths": lambda x: deconv.RowBlur(x, 48),
     "forward: latent": BLUR.forward,

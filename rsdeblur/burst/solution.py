@@ -175,7 +175,7 @@ class BurstSolution:
 
         every_row = share_map(paths, range(len(self.frames)), threads)
         reach = chunk.bank.size[1] // 2
-        return RowBurst(every_row, self.shares, shape, reach=reach, solver=self.options.solver, **engine)
+        return RowBurst(every_row, self.shares, shape, reach=reach, **engine)
 
     def _drawn(self, n: int, chunk: Chunk) -> PsfBank:
         """Return the PSFs of a frame at the places of a chunk, counted from its first row."""

@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
-from rsdeblur.choices import Border, Planning, Solver
+from rsdeblur.choices import Border, Planning
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.rowwise_solver import RowSolver
 from rsdeblur.motion.paths import BlurPaths
 
 
-@one_line("shape", "nsr", "solver")
+@one_line("shape", "nsr")
 class RowDeconvolver(RowSolver):
     """Deconvolution with the PSF of every row, planned once and applied often.
 
@@ -34,9 +34,6 @@ class RowDeconvolver(RowSolver):
     reach : int, default 0
         Least reach of the paths along x, px, for which the continuation of the picture is planned: where the rows are a
         part of a picture, that of its longest path, so that all parts are continued alike.
-    solver : {"auto", "direct", "cg"}
-        "direct" is a banded Cholesky factorisation. "cg" is conjugate gradients with a banded Wiener filter as
-        preconditioner, to a relative residual of 1e-3. "auto" takes the one that is predicted to be faster.
     border : {"blend", "periodic"}
         How the picture continues along x, see :class:`rsdeblur.Deconvolver`. Along y, rows beyond the frame are
         unknowns.
@@ -47,8 +44,6 @@ class RowDeconvolver(RowSolver):
 
     Attributes
     ----------
-    solver : {"direct", "cg"}
-        The solver in use.
     top : int
         Row of the picture at which the first latent row lies; 0 or less.
 
@@ -65,7 +60,7 @@ class RowDeconvolver(RowSolver):
     >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(64, 48, 80.0)
     >>> capture = rsdeblur.motion.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
     >>> paths = rsdeblur.motion.BlurPaths.every_row(capture, cols=[31.5])
-    >>> rsdeblur.deconv.RowDeconvolver(paths, (48, 64), solver="direct").apply(np.full((48, 64), 0.5)).shape
+    >>> rsdeblur.deconv.RowDeconvolver(paths, (48, 64)).apply(np.full((48, 64), 0.5)).shape
     (48, 64)
     """
 
@@ -76,7 +71,6 @@ class RowDeconvolver(RowSolver):
         *,
         nsr: float = 0.01,
         reach: int = 0,
-        solver: Solver = "auto",
         border: Border = "blend",
         planning: Planning = "estimate",
         threads: int | None = None,
@@ -87,7 +81,6 @@ class RowDeconvolver(RowSolver):
             *([paths], [1.0], shape),
             nsr=nsr,
             reach=reach,
-            solver=solver,
             border=border,
             planning=planning,
             threads=threads,

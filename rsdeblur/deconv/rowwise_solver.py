@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import thread_count
-from rsdeblur.choices import BORDERS, PLANNINGS, SOLVERS, Border, Planning, Solver
+from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
 from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, LatentPrior
 from rsdeblur.deconv.rowwise_blur import ROWS, RowSpectra, latent_rows, strip_blurs
-from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
 from rsdeblur.deconv.tiling import Tile, Tiling
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
@@ -67,14 +66,12 @@ class RowSolver:
         *,
         nsr: float = 0.01,
         reach: int = 0,
-        solver: Solver = "auto",
         border: Border = "blend",
         planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
         self.shape = validate.shape(shape)
         self.nsr = max(validate.strength("nsr", nsr), LEAST_NSR)
-        validate.choice("solver", solver, SOLVERS)
         validate.choice("border", border, BORDERS)
         validate.choice("planning", planning, PLANNINGS)
         height, width = self.shape[:2]
@@ -97,11 +94,7 @@ class RowSolver:
         self._data, self._latent = self._spectra.empty(len(frames) * height), self._spectra.empty(latents)
         blocks = range(self._spectra.blocks)
         self._tables = [[strip.table(b, self._spectra.length) for b in blocks] for strip in self._strips]
-        if solver == "auto":
-            faster = any(is_faster(strip.model, channels, len(frames)) for strip in self._strips)
-            solver = "cg" if faster else "direct"
-        self.solver = solver
-        floats = max(strip.workspace_size(solve=self.solver == "direct") for strip in self._strips)
+        floats = max(strip.workspace_size(solve=True) for strip in self._strips)
         self._workspaces: list[Float32Array] = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
         # Floats of the assembled normal matrix of each strip.
         self._assembled_sizes = [rowwise.assembled_size(s.model, s.table(0, 1), s.rows) for s in self._strips]
@@ -201,15 +194,9 @@ class RowSolver:
                 right, normal = kept[b]
                 latent += right
                 rowwise.solve_assembled(model, tables[b], normal, latent, workspace, penalty, data.shape[1])
-            elif self.solver == "direct":
+            else:
                 rest = self._rest(strip, b, expected, workspace)
                 rowwise.solve(model, tables[b], rest, latent, workspace, penalty)
-            else:
-                equations = NormalEquations(
-                    *(model, tables[b], data.shape[1], penalty, workspace), frames=len(self._factors)
-                )
-                latent += self._sent_back(strip, b, expected, workspace)
-                latent[...] = conjugate_gradients(equations.multiply, equations.precondition, latent.copy())
             latent *= scale
             if expected is not None:
                 latent += expected
@@ -233,9 +220,7 @@ class RowSolver:
 
         With one frame that gains nothing: reading it takes as long as computing it, because the blur is in the cache.
         """
-        if self.solver != "direct" or len(self._factors) == 1:
-            return False
-        return (block + 1) * 4 * self._assembled_sizes[strip] <= ASSEMBLED_BYTES
+        return len(self._factors) > 1 and (block + 1) * 4 * self._assembled_sizes[strip] <= ASSEMBLED_BYTES
 
     def _assembled(
         self, strip: int, block: int, expected: Float32Array | None, workspace: Float32Array
@@ -243,16 +228,9 @@ class RowSolver:
         blur, table = self._strips[strip], self._tables[strip][block]
         normal = np.empty(self._assembled_sizes[strip], dtype=np.float32)
         rowwise.assemble(blur.model, table, normal, workspace, blur.rows)
-        return self._sent_back(strip, block, expected, workspace), normal
-
-    def _sent_back(
-        self, strip: int, block: int, expected: Float32Array | None, workspace: Float32Array
-    ) -> Float32Array:
-        """Return A^H times :meth:`_rest`."""
         right: Float32Array = np.empty_like(self._latent[block])
-        rest = self._rest(strip, block, expected, workspace)
-        rowwise.adjoint(self._strips[strip].model, self._tables[strip][block], rest, right, workspace)
-        return right
+        rowwise.adjoint(blur.model, table, self._rest(strip, block, expected, workspace), right, workspace)
+        return right, normal
 
     def _rest(self, strip: int, block: int, expected: Float32Array | None, workspace: Float32Array) -> Float32Array:
         """Return the observation without the blurred expectation."""

@@ -21,7 +21,6 @@ from rsdeblur.choices import (
     Prior,
     Quality,
     Saturation,
-    Solver,
     Strength,
     Transfer,
 )
@@ -51,7 +50,6 @@ def deblur(
     exponent: float = EXPONENT,
     nsr: Strength = "auto",
     noise: Strength = "auto",
-    solver: Solver = "auto",
     chroma: Chroma | Auto = "auto",
     geometry: Geometry = "keep",
     border: Border | Boundary | Auto = "auto",
@@ -114,8 +112,6 @@ def deblur(
     noise : float or "auto"
         Standard deviation of the picture's noise in linear light, in which white is 1, from 0 to 1e12; "auto" estimates
         it. The automatic strengths are derived from it.
-    solver : {"auto", "direct", "cg"}
-        Solver of "rowwise", see :class:`rsdeblur.deconv.RowDeconvolver`.
     chroma : {"auto", "full", "half"}
         Resolution of the colours. "half" restores the brightness at full resolution and the colours at half of it, as
         JPEG and video store them (:mod:`rsdeblur.deconv.chroma`): priors on derivatives take three quarters to four
@@ -196,7 +192,7 @@ def deblur(
     """
     options = Options(
         quality=quality, mode=mode, bands=bands, strips=strips, prior=prior, weight=weight, exponent=exponent, nsr=nsr,
-        noise=noise, solver=solver, chroma=chroma, geometry=geometry, border=border, motion=motion,
+        noise=noise, chroma=chroma, geometry=geometry, border=border, motion=motion,
         translation=translation, softness=softness, refine=refine, transfer=transfer, normalize=normalize,
         saturation=saturation, check=check, fallback=fallback, planning=planning, threads=threads,
         max_memory=max_memory,

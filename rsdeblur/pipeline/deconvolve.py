@@ -26,7 +26,7 @@ from rsdeblur.types import Progress
 
 # Options that describe a motion, or how its picture is solved.
 OF_MOTIONS = (
-    *("mode", "bands", "strips", "solver", "chroma", "geometry", "motion"),
+    *("mode", "bands", "strips", "chroma", "geometry", "motion"),
     *("translation", "softness", "refine", "fallback"),
 )
 # Side of the middle part of a picture that is solved for the check, px; how many sizes of the PSF it must have; and how

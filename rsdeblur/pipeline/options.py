@@ -24,7 +24,6 @@ from rsdeblur.choices import (
     Prior,
     Quality,
     Saturation,
-    Solver,
     Strength,
     Transfer,
 )
@@ -113,7 +112,6 @@ class Options:
         "Standard deviation of the noise in linear light, where white is 1; auto estimates it.",
         kind="noise",
     )
-    solver: Solver = _option("auto", choices=choices.SOLVERS)
     chroma: Chroma | Auto = _option(
         "auto",
         SOLVER,

@@ -181,11 +181,7 @@ class PictureSolver:
         width = shape[1]
         longest = float(self.capture.probe.extent[1]) * width / self.capture.camera.width
         reach = min(int(longest) + 2, (width - 1) // 2)
-        solver = self.options.solver
-        if solver == "auto" and self.strengths.weight is not None:
-            # With the little `nsr` of priors, conjugate gradients take several times as many steps.
-            solver = "direct"
-        rows = RowDeconvolver(paths, shape, reach=reach, solver=solver, **self.engine)
+        rows = RowDeconvolver(paths, shape, reach=reach, **self.engine)
         return lambda light, progress: rows.apply(light, prior=self.latent_prior, progress=progress)
 
 

@@ -111,12 +111,6 @@ def test_no_motion_is_the_identity(picture, cols, border, prior):
     np.testing.assert_allclose(result, picture, atol=FLOAT32)
 
 
-def test_auto_takes_conjugate_gradients_for_tall_psfs():
-    assert RowDeconvolver(wavy_paths(), (H, W)).solver == "direct"
-    tall = wavy_paths(rows=700, down=330.0, samples=700)
-    assert RowDeconvolver(tall, (700, W)).solver == "cg"
-
-
 def test_strips_leave_no_seams():
     """Strips that share their paths differ from the whole only by what lies beyond their margins."""
     picture = scene(80, 240)
