@@ -61,6 +61,7 @@ from rsdeblur.io.sessions import gyro_log_in as gyro_log_in
 from rsdeblur.io.sessions import indices_of as indices_of
 from rsdeblur.io.sessions import open_session as open_session
 from rsdeblur.io.sessions import photos_in as photos_in
+from rsdeblur.io.sessions import unpacked as unpacked
 from rsdeblur.io.source import Source as Source
 from rsdeblur.io.source import mistaken as mistaken
 from rsdeblur.kernels._jit import compilation as compilation

@@ -51,7 +51,7 @@ def with_exif(recording: Recording, photo: Path) -> Recording:
     if all(each is None for each in (recording.capture, start, recording.start_ns)):
         exif = rs.Exif(rs.read_header(photo)[2])
         with suppress(InputError):
-            rs.capture_time(exif)
+            rs.capture_time(exif, photo.stem)
             start = "exif"
     return replace(recording, camera=recording.camera or photo, start=start)
 
@@ -133,10 +133,10 @@ def read_recording(recording: Recording, photo: Path | None = None) -> tuple[rs.
     _refuse_longer(recording.duration, log.span[1] - log.span[0], recording.gyro)
     if recording.start == "exif":
         exif = _exif(photo)
-        if exif is None:
+        if photo is None or exif is None:
             raise _usage("--start exif needs a photo")
         with naming(photo, recording):
-            exposure = replace(exposure, epoch_ns=rs.on_clock_of(rs.capture_time(exif), log))
+            exposure = replace(exposure, epoch_ns=rs.on_clock_of(rs.capture_time(exif, photo.stem), log))
     sd = f" ± {1e3 * camera.readout_sd:.2g}" if camera.readout_sd else ""
     readout = f"readout {1e3 * camera.readout_time:.3g}{sd} ms {camera.readout_direction}"
     LOG.info(

@@ -45,8 +45,11 @@ class Item:
         return [self.photo, *(path for path in own if path is not None)]
 
 
-def read_items(sources: Sequence[Path], defaults: Recording, output: Path) -> list[Item]:
-    """Return the items of a manifest or of a session folder, in its order, or of several photos."""
+def read_items(sources: Sequence[Path], defaults: Recording, output: Path, *, unpack: bool = False) -> list[Item]:
+    """Return the items of a manifest or of a session, in its order, or of several photos.
+
+    A session is a folder, or with `unpack` a zip archive, which is unpacked below `output`.
+    """
     start = None if defaults.start == "exif" else defaults.start
     refuse_given(ONE_OF_MANY, index=defaults.index, start=start, start_ns=defaults.start_ns)
     _check_shared(defaults)
@@ -54,6 +57,10 @@ def read_items(sources: Sequence[Path], defaults: Recording, output: Path) -> li
         items = list(_named(sources, defaults))
     elif sources[0].is_dir():
         items = list(_session(sources[0], defaults, output))
+    elif sources[0].suffix.lower() == ".zip":
+        if not unpack:
+            raise click.UsageError(f"{sources[0]}: nothing is unpacked here; unpack the archive, and give the folder")
+        items = list(_session(rs.unpacked(sources[0], output), defaults, output))
     else:
         items = list(_manifest(sources[0], defaults))
     places = _places([*sources, *(path for item in items for path in item.inputs)])

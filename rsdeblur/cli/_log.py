@@ -16,9 +16,9 @@ from rsdeblur.cli._output import capture_warnings, warn
 
 # Angle (rad) from which gravity does not point to the bottom of a picture, and that from which it points to its top.
 ASIDE, TOP = math.radians(50), math.radians(130)
-# Formats whose accelerometers show the same sign on all devices. Raw values of iOS have the opposite one, which looks
-# like a picture upside down.
-ONE_SIGN = "mars", "deepgyro"
+# Apps of the rear camera, whose accelerometers show the same sign on all devices. Raw values of iOS have the opposite
+# one, which looks like a picture upside down.
+REAR = "mars", "deepgyro"
 # Where the bottom of the viewed picture is in the stored one, for each orientation in EXIF that does not mirror: angle
 # (rad) from its bottom towards its right.
 BOTTOMS = {1: 0.0, 3: math.pi, 6: math.pi / 2, 8: -math.pi / 2}
@@ -131,13 +131,15 @@ def gravity_of(
         return Gravity()
     angle = _turn(log, camera, exposures, bottom)
     file, _ = known_log(recording)
-    # Cameras of phones look along their z axis, within 45 degrees.
-    along_edge = file.axes == "phone" and abs(camera.imu_to_camera[2, 2]) < 0.7
-    if along_edge:
+    # Cameras of phones look along their z axis, within 45 degrees, those on the back towards its negative end.
+    forward = camera.imu_to_camera[2, 2] if file.axes == "phone" else -1.0
+    if abs(forward) < 0.7:
         doubt = f"the camera would look along an edge of the phone that logged {recording.gyro}"
+    elif forward > 0 and file.format in REAR:
+        doubt = f"the camera would look towards the user of the app that logged {recording.gyro}"
     elif angle is None or abs(angle) < ASIDE:
         return Gravity(confirms=angle is not None)
-    elif abs(angle) > TOP and file.format not in ONE_SIGN:
+    elif abs(angle) > TOP and file.format not in REAR:
         return Gravity()
     else:
         side = "top" if abs(angle) > TOP else "right" if angle > 0 else "left"

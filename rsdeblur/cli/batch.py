@@ -49,9 +49,9 @@ They are those of a MANIFEST, of a logger's FOLDER, or several PHOTOs. One that 
 
 MANIFEST is a CSV file with a line for each photo. Its first line names the columns: photo, and if needed
 {", ".join(name for name in COLUMNS if name != "photo")}. They mean what the options of `deblur` mean; empty cells take
-the options given here. FOLDER is a session of MARS logger or OpenCamera Sensors that contains photos or frames. PHOTOs
-share the log and the camera; their exposures come from EXIF, with --start exif, or from --capture, by the timestamps or
-frame numbers in their names.
+the options given here. FOLDER is a session of MARS logger, OpenCamera Sensors or Sensor Logger that contains photos or
+frames. A ZIP of it is unpacked below DIR. PHOTOs share the log and the camera; their exposures come from EXIF, with
+--start exif, or from --capture, by the timestamps or frame numbers in their names.
 
 A second run skips the photos that are done, which batch.json beside the results lists. Exit code 3: some photos failed.
 """
@@ -64,7 +64,7 @@ Examples:
 
 
 @click.command("batch", cls=Command, help=HELP, epilog=EXAMPLES)
-@click.argument("sources", type=PATH, metavar="MANIFEST|FOLDER|PHOTO...", nargs=-1, required=True)
+@click.argument("sources", type=PATH, metavar="MANIFEST|FOLDER|ZIP|PHOTO...", nargs=-1, required=True)
 @_options.recording_options(*(name for name in FOLDER if name != "start_ns"), required=())
 @_options.solve_options(*(name for name in _options.SOLVE if name != "refine"))
 @_options.refine_option
@@ -98,7 +98,7 @@ def run(
 ) -> None:
     """Deblur the photos of a manifest or of a folder, or several, and write and print their table."""
     options = _options.with_refinement(options, refine)
-    items = read_items(sources, recording, target.output)
+    items = read_items(sources, recording, target.output, unpack=not target.dry_run)
     if not items:
         raise InputError(f"{sources[0]}: there is nothing to do, because no photo is listed")
     jobs, threads = shared_threads(jobs, options.threads)

@@ -92,8 +92,13 @@ class Exif:
         )
 
 
-def capture_time(exif: Exif) -> CaptureTime:
-    """Return the time at which a photo was taken: DateTimeOriginal, its fraction and its offset."""
+def capture_time(exif: Exif, name: str = "") -> CaptureTime:
+    """Return the time at which a photo was taken: DateTimeOriginal, its fraction and its offset.
+
+    Without them, 13 digits are Unix time in ms, as Sensor Logger names its photos.
+    """
+    if Base.DateTimeOriginal not in exif.camera and len(name) == 13 and name.isascii() and name.isdigit():
+        return CaptureTime(int(name) * 1_000_000, True)
     try:
         local = datetime.strptime(exif.text(Base.DateTimeOriginal) or "", "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
         # Cameras whose clock is not set write the year 0 or 1, and 64 bits of ns end in 2262.

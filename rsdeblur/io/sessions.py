@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+import zipfile
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from time import mktime
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import CaptureFile, open_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.picture_output import KINDS
+from rsdeblur.io.source import DAMAGE, unpacked_limit
 
 PHOTOS = (*KINDS, ".heic", ".dng")
 UNNUMBERED = "its name contains neither a timestamp nor a frame number"
@@ -70,6 +73,36 @@ def open_session(
             "exposures are unknown; list them in a manifest with the columns photo,index, or give --start exif"
         )
     return Session(gyro, capture, camera_in(files), matched)
+
+
+def unpacked(archive: Path, folder: Path) -> Path:
+    """Return the folder below `folder` into which the files of a session's zip archive were unpacked.
+
+    Files that are there already, with the size and the date of the archive's, stay as they are.
+    """
+    target = folder / archive.stem
+    try:
+        with zipfile.ZipFile(archive) as opened:
+            entries = [each for each in opened.infolist() if not each.is_dir() and "__MACOSX" not in each.filename]
+            size, limit = sum(each.file_size for each in entries), unpacked_limit(archive.stat().st_size)
+            if size > limit:
+                raise FileFormatError(
+                    f"{archive}: the archive claims to contain {size} bytes, the limit is {limit}; unpack it yourself"
+                )
+            for each in entries:
+                date = mktime((*each.date_time, 0, 0, -1))
+                place = target / each.filename
+                if not place.is_file() or (place.stat().st_size, place.stat().st_mtime) != (each.file_size, date):
+                    # Names that lead out of the folder are changed there.
+                    os.utime(opened.extract(each, target), (date, date))
+    except FileFormatError:
+        raise
+    except DAMAGE as error:
+        raise FileFormatError(f"{archive}: the archive is damaged or encrypted: {error}") from error
+    tops = {Path(each.filename).parts[0] for each in entries}
+    # Some archives contain a folder with all files.
+    (top,) = tops if len(tops) == 1 else (".",)
+    return target / top if (target / top).is_dir() else target
 
 
 def files_in(folder: Path, *, without: Path | None = None) -> list[Path]:

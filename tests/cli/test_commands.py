@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -326,3 +327,22 @@ def test_times_from_exif(run: Run, files: Files, tmp_path: Path, monkeypatch: py
     # The moment in EXIF is beyond the log, which names what is missing.
     (item,) = json.loads(listed.stdout)["items"]
     assert (Path(item["photo"]).name, "misses" in item["reason"]) == (photo.name, True)
+
+
+def test_an_archive_of_photos_named_by_unix_time_is_a_session(run, here, files, tmp_path: Path, monkeypatch) -> None:
+    start_ns = 1_766_385_749_000_000_000
+    rows = [f"{start_ns + round(1e9 * t)},{x},{y},{z}" for t, x, y, z in files.samples()]
+    name = f"{start_ns // 10**6 + round(1e3 * START)}.png"
+    with zipfile.ZipFile(tmp_path / "walk.zip", "w") as archive:
+        archive.writestr("Gyroscope.csv", "\n".join(["time,x,y,z", *rows]) + "\n")
+        archive.write(files.photo, f"Camera/{name}")
+    # A picture of noise determines no offset; the search itself has its own tests.
+    found = OffsetSearch(0.0, 0.0, 0.001, 40.0, "", np.zeros(1), np.zeros(1))
+    monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", lambda *_, **__: found)
+    call = ["batch", tmp_path / "walk.zip", "--camera", files.camera, "--duration", DURATION, "--quality", "fast"]
+    assert "unpack the archive" in run(*call, "--dry-run").stderr
+    (item,) = json.loads(run(*call, "--jobs", 1, "--json").stdout)["items"]
+    assert (item["state"], item["output"]) == ("done", str(tmp_path / "walk-sharp" / "Camera" / name)), item
+    # What was unpacked is the same next time.
+    (item,) = json.loads(run(*call, "--jobs", 1, "--json").stdout)["items"]
+    assert item["state"] == "skipped"

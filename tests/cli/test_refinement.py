@@ -90,6 +90,17 @@ def test_gravity_names_wrong_axes_which_are_not_refined(
     assert run("compare", files.photo, *files.recording, *options).stderr == warned
 
 
+@pytest.mark.parametrize("mounting", [np.diag([-1.0, -1.0, 1.0]), np.array([[0, 0, 1], [0, -1, 0], [1, 0, 0]])])
+def test_a_camera_on_another_side_of_the_phone_is_turned_to_its_back(
+    run, files, refined, tmp_path: Path, mounting: np.ndarray
+) -> None:
+    write_log(files.gyro, files.samples(), [0.0, 9.8, 0.5])
+    replace(read_camera(files.camera), imu_to_camera=mounting).save(files.camera)
+    warned = run("deblur", files.photo, *files.recording, "--quality", "fast", "-o", tmp_path / "sharp.png").stderr
+    assert "the camera would look" in warned
+    assert "deblurred with the axes phone-portrait" in warned
+
+
 @pytest.mark.parametrize(
     ("rotation", "force", "preset", "side"),
     [
