@@ -40,7 +40,7 @@ from rsdeblur.choices import PRIORS, VERDICTS, Prior
 from rsdeblur.estimate import QualityCheck
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.image.undershoot import fade_undershoot
+from rsdeblur.image.mending import fade_undershoot
 from rsdeblur.pipeline import steps
 from rsdeblur.pipeline.steps import fall_back
 

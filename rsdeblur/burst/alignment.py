@@ -15,8 +15,7 @@ from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.motion.alignment import Alignment
 from rsdeblur.motion.paths import Capture
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.stages import StageClock
-from rsdeblur.pipeline.steps import tuned_part
+from rsdeblur.pipeline.steps import StageClock, tuned_part
 from rsdeblur.pipeline.tiles import few_psfs
 from rsdeblur.psf import tile_centres
 from rsdeblur.tuning.strength import PATH_ERROR, BlurSpectra, Tuning

@@ -28,8 +28,7 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import Capture
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
-from rsdeblur.pipeline.stages import StageClock
-from rsdeblur.pipeline.steps import blendable, judged, split_highlights
+from rsdeblur.pipeline.steps import StageClock, blendable, judged, split_highlights
 from rsdeblur.pipeline.tiles import with_mode
 from rsdeblur.types import Float32Array, Progress
 

@@ -19,13 +19,12 @@ from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.chroma import Solve
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.deconv.wiener import TileBlur
-from rsdeblur.image.undershoot import UndershootMeter
+from rsdeblur.image.mending import UndershootMeter
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.pipeline.memory import LONGEST, least_memory
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import Chunk, PictureSolver, Strengths
-from rsdeblur.pipeline.stages import StageClock
-from rsdeblur.pipeline.steps import solve_chunks, tuned_strengths
+from rsdeblur.pipeline.steps import StageClock, solve_chunks, tuned_strengths
 from rsdeblur.pipeline.tiles import tile_errors, tile_paths
 from rsdeblur.psf import PsfBank, size_of, tile_centres
 from rsdeblur.tuning.strength import KERNELS, BlurSpectra

@@ -12,7 +12,7 @@ from rsdeblur._util import validate
 from rsdeblur.choices import Border, Planning
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.quadratic import TileNormal
-from rsdeblur.deconv.rowwise_solver import RowSolver
+from rsdeblur.deconv.rowwise import RowSolver
 from rsdeblur.deconv.wiener import LEAST_MARGIN, LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.motion.paths import BlurPaths

@@ -2,7 +2,7 @@
 
 An OTF is the spectrum of the PSF. That of a path is `H(k) = mean_t exp(-2 pi i k . d(t))`, without the error of drawing
 the path on pixels, times that of the softness, a Gaussian. It is computed at the cost of an FFT by
-:mod:`rsdeblur.kernels.spread`.
+:mod:`rsdeblur.kernels.raster`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rsdeblur.deconv.fft import LineTransform, RowTransform, fast_length
 from rsdeblur.kernels.otf import columns_around_origin, lowest_frequencies, rows_around_origin
-from rsdeblur.kernels.spread import OVERSAMPLING, WIDTH, spread, window_spectrum
+from rsdeblur.kernels.raster import OVERSAMPLING, WIDTH, spread, window_spectrum
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, Float32Array
 

@@ -1,18 +1,333 @@
-"""The exact rolling-shutter deconvolution of one picture, by the solver of :mod:`rsdeblur.deconv.rowwise_solver`."""
+"""The exact rolling-shutter solve: every row has its own PSF.
+
+For each frequency along x the blur is a banded matrix A along y (:mod:`rsdeblur.deconv.rowwise_blur`), so
+
+    minimise |A u - g|^2 + nsr |u - m|^2 + beta |grad u - w|^2
+
+is a banded Hermitian positive definite system: the gradient term is diagonal along x and tridiagonal along y; second
+derivatives in its place are pentadiagonal along y, and the picture itself is diagonal. Where the data do not determine
+u, it falls back on m, the expectation: the picture's mean. Without a prior, near top and bottom it is the smoothed
+average of the outermost rows.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.memory import empty
 from rsdeblur._util.one_line import one_line
-from rsdeblur.choices import Border, Planning
-from rsdeblur.deconv.priors import LatentPrior, check_prior
-from rsdeblur.deconv.rowwise_solver import RowSolver
+from rsdeblur._util.threads import thread_count
+from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
+from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, LatentPrior, check_prior
+from rsdeblur.deconv.rowwise_blur import ROWS, RowSpectra, latent_rows, strip_blurs
+from rsdeblur.deconv.tiling import Tile, Tiling
+from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
+from rsdeblur.errors import InputError
+from rsdeblur.kernels import rowwise
+from rsdeblur.kernels.rowwise import LANES
 from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.types import Float32Array, FloatImage
+
+# Largest margin of a strip, in PSF widths: the tiny `nsr` of gradient priors would ask for a hundred.
+MOST_MARGIN = 3.0
+# Expectation beyond top and bottom: the average of this many outermost rows, smoothed along x by a Gaussian whose
+# standard deviation is as many px.
+EDGE_ROWS = 4
+# Inside the frame the expectation fades to the mean over this many rows more than paths reach beyond the frame.
+EDGE_FADE = 16
+# Frequencies that the smoothing reduces to a smaller share than this are expected to be zero.
+LEAST_EXPECTED = 1e-3
+# Bytes of normal matrices of several frames that a prior's steps keep: those of the first frequencies. The others are
+# computed anew in every step. A strip of 480 px of 1500 rows needs 75 MiB for paths 40 rows tall; much more would mean
+# smaller chunks in bounded memory.
+ASSEMBLED_BYTES = 64 << 20
+
+# What the steps of a prior have in common, by block of frequencies: the observation sent back along the paths, and the
+# assembled normal matrix.
+Kept = dict[int, tuple[Float32Array, Float32Array]]
+
+
+class RowSolver:
+    """Base of the rowwise solvers: minimises `sum_i a_i |A_i u - g_i|^2 + nsr |u - m|^2` for the frames of one scene.
+
+    Frames and their blurs are multiplied by the roots of the shares a_i, which sum to 1. Of N frames, row y of frame i
+    is row N y + i of a picture N times as tall. So the normal matrix is the sum of those of the frames; its bandwidth
+    is that of the tallest paths. Other arguments are those of :class:`rsdeblur.deconv.RowDeconvolver`.
+    """
+
+    def __init__(
+        self,
+        frames: Sequence[BlurPaths],
+        shares: Sequence[float],
+        shape: tuple[int, ...],
+        *,
+        nsr: float = 0.01,
+        reach: int = 0,
+        border: Border = "blend",
+        planning: Planning = "estimate",
+        threads: int | None = None,
+    ) -> None:
+        self.shape = validate.shape(shape)
+        self.nsr = max(validate.strength("nsr", nsr), LEAST_NSR)
+        validate.choice("border", border, BORDERS)
+        validate.choice("planning", planning, PLANNINGS)
+        height, width = self.shape[:2]
+        self.top, latents = latent_rows(*frames)
+        self._factors = tuple(float(share) ** 0.5 for share in shares)
+        self._reach = max(reach, *(int(np.floor(paths.extent[1])) + 1 for paths in frames))
+        if len(frames[0].rows) != height:
+            raise InputError(f"paths are those of {len(frames[0].rows)} rows, the picture has {height}")
+        kernel = 2 * self._reach + 1
+        if kernel > width:
+            raise InputError(f"the paths reach {self._reach} px sideways, more than the picture of {width} px can hold")
+        margin = int(np.ceil(min(decay_margin(self.nsr), MOST_MARGIN) * kernel))
+        self._periodic = border == "periodic"
+        cols = frames[0].cols
+        self._tiling = Tiling.plan(cols, width, kernel, margin, periodic=self._periodic)
+        threads = thread_count(threads)
+        self._strips = strip_blurs(frames, self._factors, self.top, latents, threads)
+        channels = self.shape[2] if len(self.shape) == 3 else 1
+        self._spectra = RowSpectra(channels, self._tiling.length, planning=planning, threads=threads)
+        self._data, self._latent = self._spectra.empty(len(frames) * height), self._spectra.empty(latents)
+        blocks = range(self._spectra.blocks)
+        self._tables = [[strip.table(b, self._spectra.length) for b in blocks] for strip in self._strips]
+        floats = max(strip.workspace_size(solve=True) for strip in self._strips)
+        self._workspaces: list[Float32Array] = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
+        # Floats of the assembled normal matrix of each strip.
+        self._assembled_sizes = [rowwise.assembled_size(s.model, s.table(0, 1), s.rows) for s in self._strips]
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of 16 frequencies, each solved by one thread."""
+        return self._spectra.blocks
+
+    @property
+    def coverage(self) -> NDArray[np.bool_]:
+        """Mask (H, W) of the pixels that some recorded row saw; the prior fills the others from their neighbours.
+
+        Paths with ``geometry="keep"`` see every row; those with ``geometry="rectify"`` may not.
+        """
+        covered = np.zeros(self.shape[:2], dtype=np.bool_)
+        for strip, tile in zip(self._strips, self._tiling.tiles, strict=True):
+            columns = slice(tile.first, tile.first + len(tile.weights))
+            covered[:, columns] |= strip.seen[-self.top : len(covered) - self.top, None]
+        return covered
+
+    @property
+    def memory(self) -> int:
+        """Bytes held between and during calls, without pictures and the normal matrices of several frames."""
+        tables = [table for tables in self._tables for table in tables]
+        models = [array for strip in self._strips for array in strip.model]
+        return sum(array.nbytes for array in (self._data, self._latent, *self._workspaces, *tables, *models))
+
+    def _restore(
+        self,
+        source: FloatImage,
+        target: FloatImage,
+        prior: LatentPrior | None,
+        progress: Callable[[float], None] | None,
+    ) -> None:
+        """Deblur `source`, the rows of all frames (N H, W, C), into `target` (H, W, C), which is other memory."""
+        strips = len(self._strips)
+        if strips > 1:
+            target[...] = 0
+        with self._spectra.team.turn():
+            for s, tile in enumerate(self._tiling.tiles):
+                report = None if progress is None else _part_of(progress, s, strips)
+                term = self._observe(source, s)
+                if prior is None:
+                    term.filter()
+                    self._spectra.unload(self._latent, -self.top, target, tile, add=strips > 1)
+                    if report is not None:
+                        report(1.0)
+                else:
+                    latent = prior.restore(term, threads=self._spectra.team.threads, progress=report)
+                    self._place(latent, target, tile, add=strips > 1)
+
+    def _observe(self, source: Float32Array, strip: int) -> DataTerm:
+        """Transform a strip of the observation (H, W, C), and return the strip's data term."""
+        start, taper = self._tiling.tiles[strip].start, self._tiling.taper
+        self._spectra.load(source, self._data, start=start, taper=taper, periodic=self._periodic)
+        return DataTerm(self, strip)
+
+    def _place(self, latent: Float32Array, target: Float32Array, tile: Tile, *, add: bool) -> None:
+        """Write a strip's latent picture (L, N, C) to `target` (H, W, C), or add it, where `tile` contributes."""
+        columns, weights = slice(tile.first, tile.first + len(tile.weights)), tile.weights[:, None]
+        shown = slice(tile.first - tile.start, tile.first - tile.start + len(weights))
+        source = latent[-self.top : len(target) - self.top, shown]
+
+        def block(_: int, top: int) -> None:
+            rows = slice(top, top + ROWS)
+            part = weights * source[rows]
+            target[rows, columns] = target[rows, columns] + part if add else part
+
+        self._spectra.team.share(block, range(0, len(target), ROWS))
+
+    def _solve(self, strip: int, beta: float, coupling: Coupling, *, pull: bool, edges: bool, kept: Kept) -> None:
+        """Minimise for all frequencies of `strip`, and leave the result in the latent spectra.
+
+        With `pull`, the latent spectra hold the pull of a prior, which enters the right-hand side. With `edges`, m has
+        the outermost rows. With a prior, `kept` takes what all its steps have in common.
+        """
+        model, tables = self._strips[strip].model, self._tables[strip]
+        weights = self._penalty(beta, coupling)
+        # The difference u - m is scaled in the end, so that no motion is the identity at any nsr.
+        scale = 1.0 + self.nsr
+
+        def block(thread: int, b: int) -> None:
+            data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
+            penalty = weights[b]
+            expected = self._expectation(b, edges=edges)
+            if not pull:
+                latent[...] = 0
+            else:
+                # The unknown is u - m, and the derivatives of m are zero.
+                if coupling.picture and expected is not None:
+                    latent -= np.float32(coupling.picture) * expected
+                latent *= np.float32(beta / scale)
+            if not edges and self._keeps(strip, b):
+                if b not in kept:
+                    kept[b] = self._assembled(strip, b, expected, workspace)
+                right, normal = kept[b]
+                latent += right
+                rowwise.solve_assembled(model, tables[b], normal, latent, workspace, penalty, data.shape[1])
+            else:
+                rest = self._rest(strip, b, expected, workspace)
+                rowwise.solve(model, tables[b], rest, latent, workspace, penalty)
+            latent *= scale
+            if expected is not None:
+                latent += expected
+
+        self._spectra.team.share(block, range(self._spectra.blocks))
+
+    def _penalty(self, beta: float, coupling: Coupling) -> Float32Array:
+        """Return the weights (blocks, 3, 16) of `|u - m|^2`, `|D u|^2` and `|D^T D u|^2`, D along y, per frequency.
+
+        `|D|^2` in both directions is the sum of both, so its square has a mixed term.
+        """
+        turns = np.arange(self._spectra.blocks * LANES).reshape(-1, LANES) / self._spectra.length
+        across = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
+        _, gradient, bend = coupling
+        slope = gradient + 2 * bend * across
+        parts = self.nsr + beta * coupling.response(across), beta * slope, np.full_like(across, beta * bend)
+        return np.stack(parts, axis=1).astype(np.float32)
+
+    def _keeps(self, strip: int, block: int) -> bool:
+        """Whether the steps of a prior keep the normal matrix of a block of frequencies.
+
+        With one frame that gains nothing: reading it takes as long as computing it, because the blur is in the cache.
+        """
+        return len(self._factors) > 1 and (block + 1) * 4 * self._assembled_sizes[strip] <= ASSEMBLED_BYTES
+
+    def _assembled(
+        self, strip: int, block: int, expected: Float32Array | None, workspace: Float32Array
+    ) -> tuple[Float32Array, Float32Array]:
+        blur, table = self._strips[strip], self._tables[strip][block]
+        normal = np.empty(self._assembled_sizes[strip], dtype=np.float32)
+        rowwise.assemble(blur.model, table, normal, workspace, blur.rows)
+        right: Float32Array = np.empty_like(self._latent[block])
+        rowwise.adjoint(blur.model, table, self._rest(strip, block, expected, workspace), right, workspace)
+        return right, normal
+
+    def _rest(self, strip: int, block: int, expected: Float32Array | None, workspace: Float32Array) -> Float32Array:
+        """Return the observation without the blurred expectation."""
+        data: Float32Array = self._data[block]
+        if expected is None:
+            return data
+        blurred: Float32Array = np.empty_like(data)
+        rowwise.forward(self._strips[strip].model, self._tables[strip][block], blurred, expected, workspace)
+        return np.subtract(data, blurred, out=blurred)
+
+    def _expectation(self, block: int, *, edges: bool) -> Float32Array | None:
+        """Return the spectra of m in one block, without `edges` those of the mean; None where they are next to zero."""
+        frequency = (block * LANES + np.arange(LANES)) / self._spectra.length
+        left = np.exp(-2 * (np.pi * EDGE_ROWS * frequency) ** 2).astype(np.float32)
+        if left[0] < LEAST_EXPECTED or (block > 0 and not edges):
+            return None
+        data = self._average(self._data[block])
+        mean = np.zeros_like(data[:, :1])
+        if block == 0:
+            mean[..., 0, 0] = data[:, :, 0, 0].mean(axis=1, keepdims=True)
+        if not edges:
+            return np.repeat(mean, self._latent.shape[2], axis=1)
+        first, last = (left * (rows.mean(axis=1) - mean[:, 0]) for rows in (data[:, :EDGE_ROWS], data[:, -EDGE_ROWS:]))
+        expected = np.repeat(mean, self._latent.shape[2], axis=1)
+        # Positions are counted from the first and from the last row of the frame; beyond the frame the weight is 1.
+        above = _fading(self.top, EDGE_FADE - self.top)
+        below = _fading(data.shape[1] - self.top - expected.shape[1], EDGE_FADE - self.top)
+        expected[:, : len(above)] += (above * first[:, None])[:, : expected.shape[1]]
+        expected[:, ::-1][:, : len(below)] += (below * last[:, None])[:, : expected.shape[1]]
+        return expected
+
+    def _average(self, data: Float32Array) -> Float32Array:
+        """Return the average of the frames in one block, shape (C, H, 2, 16)."""
+        frames = len(self._factors)
+        if frames == 1:
+            return data
+        mean = np.zeros_like(data[:, ::frames])
+        for i, factor in enumerate(self._factors):
+            mean += np.float32(factor) * data[:, i::frames]
+        return mean
+
+
+def _part_of(progress: Callable[[float], None], part: int, parts: int) -> Callable[[float], None]:
+    """Return the function that reports the progress of one of several equal parts."""
+    return lambda fraction: progress((part + fraction) / parts)
+
+
+def _fading(first: int, length: int) -> Float32Array:
+    """Return weights (n, 1, 1) for positions from `first` on: 1 up to position 0, falling to 0 at `length`."""
+    positions = np.arange(first, length, dtype=np.float32)
+    return (0.5 + 0.5 * np.cos(np.pi * positions.clip(0) / length)).astype(np.float32)[:, None, None]
+
+
+class DataTerm:
+    """Data term `|A u - g|^2 + nsr |u - m|^2` of one strip of one picture, to which a prior adds a quadratic term.
+
+    It is a :class:`rsdeblur.deconv.priors.QuadraticSolver`, valid until the solver observes the next strip. With such a
+    term m is the picture's mean. Rows beyond the frame are unknowns, so no difference crosses an end. The difference of
+    g from the blurred m counts (1 + nsr) times, so that contrast does not depend on nsr.
+    """
+
+    periodic = False
+
+    def __init__(self, solver: RowSolver, strip: int) -> None:
+        self._solver, self._strip = solver, strip
+        spectra = solver._spectra
+        # Rows from `RowSolver.top` on, the padded width, channels.
+        self.shape = (solver._latent.shape[2], spectra.length, spectra.channels)
+        self._kept: Kept = {}
+
+    def solve(
+        self,
+        beta: float,
+        pull: Float32Array | None = None,
+        coupling: Coupling = TO_GRADIENT,
+        *,
+        out: Float32Array | None = None,
+    ) -> Float32Array:
+        """Return the latent picture, of :attr:`shape`, that minimises the term plus that of a prior.
+
+        `out` may be `pull`; see :meth:`rsdeblur.deconv.priors.QuadraticSolver.solve`.
+        """
+        beta = validate.finite("beta", beta, minimum=0.0)
+        spectra, latent = self._solver._spectra, self._solver._latent
+        out = np.empty(self.shape, dtype=np.float32) if out is None else out
+        if pull is not None:
+            if pull.shape != self.shape:
+                raise InputError(f"the pull must have shape {self.shape}, got {pull.shape}")
+            spectra.load(pull, latent)
+        self._solver._solve(self._strip, beta, coupling, pull=pull is not None, edges=False, kept=self._kept)
+        spectra.unload(latent, 0, out, Tile(0, 0, np.ones(spectra.length, dtype=np.float32)))
+        return out
+
+    def filter(self) -> None:
+        """Minimise the term alone, and leave the result in the solver's latent spectra."""
+        self._solver._solve(self._strip, 0.0, TO_GRADIENT, pull=False, edges=True, kept=self._kept)
 
 
 @one_line("shape", "nsr")

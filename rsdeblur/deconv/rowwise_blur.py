@@ -28,8 +28,8 @@ from rsdeblur.deconv.fft import RowTransform
 from rsdeblur.deconv.tiling import Tile, fade, hat_weights
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import lines, rowwise
+from rsdeblur.kernels.raster import SINC_WIDTH, WIDTH, interpolated
 from rsdeblur.kernels.rowwise import BLOCK, RowModel
-from rsdeblur.kernels.spread import SINC_WIDTH, WIDTH, interpolated
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.types import Float32Array, FloatArray
 

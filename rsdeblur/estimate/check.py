@@ -16,9 +16,9 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Verdict
 from rsdeblur.estimate.motion_evidence import SIZES, MotionEvidence
 from rsdeblur.estimate.refine import Refinement
-from rsdeblur.estimate.rival_axes import OTHER_AXES
+from rsdeblur.estimate.search import OTHER_AXES
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.image.undershoot import UndershootMeter
+from rsdeblur.image.mending import UndershootMeter
 
 
 class Bounds(NamedTuple):

@@ -21,9 +21,8 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import Correction, Recording, Uncertainty, uncertainty_of
 from rsdeblur.estimate.regions import LEAST_GAIN, DriftByRegion
-from rsdeblur.estimate.rival_axes import AHEAD_OF_AXES, OTHER_AXES, rival_lead
 from rsdeblur.estimate.score import Corrected, Score
-from rsdeblur.estimate.search import Search
+from rsdeblur.estimate.search import AHEAD_OF_AXES, OTHER_AXES, Search, rival_lead
 from rsdeblur.image.encoded import EncodedImage, check_size, reduced
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.arguments import check_reach, check_recording, exposure_list

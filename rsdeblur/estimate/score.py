@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from rsdeblur._util.once import once
 from rsdeblur._util.threads import beside, share_map
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior
+from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior, TileSpectra, spectra_side
 from rsdeblur.estimate.sharpness import NATS_PER_FALL, SHORTER, QuickSharpness, WholeSharpness
-from rsdeblur.estimate.spectra import TileSpectra, spectra_side
 from rsdeblur.estimate.streaks import LightStreaks, lead_of
 from rsdeblur.types import FloatArray
 

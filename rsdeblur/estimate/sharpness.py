@@ -25,8 +25,7 @@ from rsdeblur._util.threads import share_map
 from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, DerivativePrior, brightness
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.posterior import UNDESCRIBED
-from rsdeblur.estimate.spectra import LONGEST_BLUR, softness
+from rsdeblur.estimate.posterior import LONGEST_BLUR, UNDESCRIBED, softness
 from rsdeblur.image.frame import upright
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths, Capture

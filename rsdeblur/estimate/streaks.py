@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.posterior import UNDESCRIBED
+from rsdeblur.estimate.posterior import LONGEST_BLUR, SOFTNESS, UNDESCRIBED
 from rsdeblur.estimate.sharpness import TILES
-from rsdeblur.estimate.spectra import LONGEST_BLUR, SOFTNESS
 from rsdeblur.image.frame import upright
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres

@@ -22,9 +22,20 @@ from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, Correction, Recording, Uncertainty
 from rsdeblur.estimate.posterior import UNDESCRIBED, costs_of
 from rsdeblur.estimate.refine import exposures_of, grey_lights
-from rsdeblur.estimate.rival_axes import AHEAD_OF_AXES, FITTED, OTHER_AXES, rival_lead
 from rsdeblur.estimate.score import PROOFS, Score
-from rsdeblur.estimate.search import ADJUSTMENTS, DISAGREE, NOT_CLEAR, NOT_SHARPER, Search, adjusted, agree
+from rsdeblur.estimate.search import (
+    ADJUSTMENTS,
+    AHEAD_OF_AXES,
+    DISAGREE,
+    FITTED,
+    NOT_CLEAR,
+    NOT_SHARPER,
+    OTHER_AXES,
+    Search,
+    adjusted,
+    agree,
+    rival_lead,
+)
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure

@@ -1,7 +1,8 @@
-"""Tone curves between encoded values and linear light, in which blur happens."""
+"""Tone curves between encoded values and linear light, in which blur happens; whole numbers and profiles of files."""
 
 from __future__ import annotations
 
+import struct
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from rsdeblur.errors import InputError
 
 # Largest gamma, and its inverse the least: devices use 0.4 to 3, and 255 steps do not survive more.
 MOST_GAMMA = 10.0
+# Share of the values at either end that counts as outliers.
+OUTLIERS = 1e-3
 
 
 def check_transfer(transfer: Any) -> Transfer:
@@ -116,10 +119,6 @@ def _floats(name: str, values: ArrayLike) -> NDArray[Any]:
     return array
 
 
-# Share of the values at either end that counts as outliers.
-OUTLIERS = 1e-3
-
-
 def normalized(light: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return overshooting light squeezed into [0, 1]: outliers are clipped and the rest is scaled, with less contrast.
 
@@ -130,3 +129,48 @@ def normalized(light: NDArray[np.float32]) -> NDArray[np.float32]:
     low, high = min(float(low), 0.0), max(float(high), 1.0)
     squeezed: NDArray[np.float32] = ((light - np.float32(low)) / np.float32(high - low)).clip(0.0, 1.0)
     return squeezed
+
+
+def quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:
+    """Return values in [0, 1] as samples of `bits` bits; 32 is float32."""
+    if image.dtype.kind == "u":
+        if 8 * image.dtype.itemsize == bits:
+            return image
+        image = image / np.float32(np.iinfo(image.dtype).max)
+    if bits == 32:
+        return image.astype(np.float32)
+    # float16 cannot represent 65535.
+    clipped: NDArray[Any] = np.clip(image, 0.0, 1.0).astype(np.promote_types(image.dtype, np.float32))
+    clipped *= 2**bits - 1
+    levels: NDArray[Any] = np.rint(clipped, out=clipped).astype(np.uint8 if bits == 8 else np.uint16)
+    return levels
+
+
+def linear_profile() -> bytes:
+    """Return an ICC profile (version 2.1) with sRGB's primaries and linear values."""
+
+    def fixed(*numbers: float) -> bytes:
+        return b"XYZ \0\0\0\0" + b"".join(struct.pack(">i", round(number * 65536)) for number in numbers)
+
+    name = b"linear sRGB"
+    description = b"desc\0\0\0\0" + struct.pack(">I", len(name) + 1) + name + b"\0" * 79
+    # Primaries adapted to D50 (Bradford), as in the profiles of sRGB; an empty curve is the identity.
+    tags = {
+        b"desc": description,
+        b"cprt": b"text\0\0\0\0public domain\0",
+        b"wtpt": fixed(0.9642, 1.0, 0.8249),
+        b"rXYZ": fixed(0.43607, 0.22249, 0.01392),
+        b"gXYZ": fixed(0.38515, 0.71687, 0.09708),
+        b"bXYZ": fixed(0.14307, 0.06061, 0.71410),
+        **dict.fromkeys((b"rTRC", b"gTRC", b"bTRC"), b"curv\0\0\0\0" + struct.pack(">I", 0)),
+    }
+    table, body = struct.pack(">I", len(tags)), b""
+    start = 128 + 4 + 12 * len(tags)
+    for key, value in tags.items():
+        table += key + struct.pack(">II", start + len(body), len(value))
+        body += value + b"\0" * (-len(value) % 4)
+    size = start + len(body)
+    header = struct.pack(">I4sI", size, b"\0" * 4, 0x02100000) + b"mntrRGB XYZ "
+    header = header.ljust(36, b"\0") + b"acsp"
+    header = header.ljust(68, b"\0") + struct.pack(">3i", *(round(v * 65536) for v in (0.9642, 1.0, 0.8249)))
+    return header.ljust(128, b"\0") + table + body

@@ -16,7 +16,7 @@ from PIL import Image
 from rsdeblur._util.binary import DAMAGE, PREFIX, tags_of
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import RsdeblurWarning
-from rsdeblur.image.profile import linear_profile
+from rsdeblur.image.transfer import linear_profile
 from rsdeblur.io.exif import renewed as renewed_exif
 
 # Parts that belong to the original only, and bytes that show them in its file or XMP packet.

@@ -15,7 +15,7 @@ import tifffile
 from PIL.ExifTags import Base
 
 from rsdeblur._util.validate import missing
-from rsdeblur.image.profile import linear_profile
+from rsdeblur.image.transfer import linear_profile
 from rsdeblur.io import _tiff
 from rsdeblur.io._metadata import Picture, of_info
 from rsdeblur.io.exif import with_orientation

@@ -23,7 +23,7 @@ from rsdeblur._util.atomic import atomic_write, check_target, reserve
 from rsdeblur._util.binary import PREFIX
 from rsdeblur._util.files import checked_path
 from rsdeblur.errors import InputError, OutputError, RsdeblurWarning
-from rsdeblur.image.quantise import quantised
+from rsdeblur.image.transfer import quantised
 from rsdeblur.io import _tiff
 from rsdeblur.io._metadata import PNG_IPTC, Picture, png_iptc, renewed
 from rsdeblur.io.pictures import DAMAGE

@@ -98,8 +98,8 @@ def deblur(
         (:mod:`rsdeblur.deconv.cnn`). Any other denoiser is called as ``denoise(image, sigma)``
         (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp and even areas free of
         noise; "wiener" takes about a fifth of their time. All but the linear ones, "wiener" and "gradient", fade
-        towards the input where light would be below black (:mod:`rsdeblur.image.undershoot`), and keep to its colours
-        beside clipped light (:mod:`rsdeblur.image.clipping`).
+        towards the input where light would be below black (:mod:`rsdeblur.image.mending`), and keep to its colours
+        beside clipped light (:mod:`rsdeblur.image.mending`).
     weight : float or "auto"
         Weight of the prior, from 1e-20 to 1e20: a larger weight gives a smoother picture. "auto" derives it from the
         picture's noise and the blur (:mod:`rsdeblur.tuning.strength`).

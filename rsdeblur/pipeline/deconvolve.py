@@ -19,8 +19,7 @@ from rsdeblur.image.transfer import check_transfer, from_linear, to_linear
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.pipeline.solver import PictureSolver, chroma_of
-from rsdeblur.pipeline.stages import StageClock
-from rsdeblur.pipeline.steps import derive_strengths, solve_chunks, split_highlights
+from rsdeblur.pipeline.steps import StageClock, derive_strengths, solve_chunks, split_highlights
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Progress
 

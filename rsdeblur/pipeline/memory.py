@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from rsdeblur.deconv.chroma import halved
-from rsdeblur.deconv.rowwise_solver import ASSEMBLED_BYTES, MOST_MARGIN
+from rsdeblur.deconv.rowwise import ASSEMBLED_BYTES, MOST_MARGIN
 from rsdeblur.deconv.wiener import LEAST_MARGIN, LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.rowwise import BLOCK

@@ -20,7 +20,7 @@ from rsdeblur.estimate.refine import Refinement, refine
 from rsdeblur.image.encoded import EncodedImage, check_size, displayed, result_like
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.highlights import HighlightSplit
-from rsdeblur.image.undershoot import UndershootMeter
+from rsdeblur.image.mending import UndershootMeter
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
@@ -28,8 +28,7 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import PictureSolver, Strengths, chroma_of
-from rsdeblur.pipeline.stages import StageClock
-from rsdeblur.pipeline.steps import blendable, derive_strengths, judged, solve_chunks, split_highlights
+from rsdeblur.pipeline.steps import StageClock, blendable, derive_strengths, judged, solve_chunks, split_highlights
 from rsdeblur.pipeline.tiles import tile_errors, tile_paths, with_mode
 from rsdeblur.psf import PsfBank, kernel_sheet
 from rsdeblur.types import FloatImage, Progress

@@ -1,7 +1,9 @@
-"""The steps that a picture takes whether its PSFs come from a motion or from the caller."""
+"""The steps that a picture takes whether its PSFs come from a motion or from the caller, and their times."""
 
 from __future__ import annotations
 
+import logging
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,23 +17,21 @@ from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import LEAD, RINGING, TURN, Bounds, QualityCheck, assess
 from rsdeblur.estimate.motion_evidence import MotionEvidence
-from rsdeblur.image.clipping import keep_colours_near_clipped
 from rsdeblur.image.encoded import EncodedImage, blocks
 from rsdeblur.image.highlights import HighlightSplit, find_spots, lights, separate_highlights, small_spots
-from rsdeblur.image.quantise import quantised
-from rsdeblur.image.transfer import normalized
-from rsdeblur.image.undershoot import UndershootMeter, fade_undershoot
+from rsdeblur.image.mending import UndershootMeter, fade_undershoot, keep_colours_near_clipped
+from rsdeblur.image.transfer import normalized, quantised
 from rsdeblur.motion.paths import Capture
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.memory import plan_chunks
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import ChunkSolver, Strengths
-from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.tiles import Blur, few_psfs, highlight_bank
 from rsdeblur.psf import PsfBank
 from rsdeblur.tuning.strength import Tuning
-from rsdeblur.types import FloatArray, FloatImage
+from rsdeblur.types import FloatArray, FloatImage, Progress, StageProgress
 
+LOG = logging.getLogger("rsdeblur")
 # Share of the border's error that is left if the border is solved for. Only exact PSFs allow for so little: with those
 # of a motion, which is never exact, the whole one is better.
 SOLVED_BORDER_ERROR = 0.1
@@ -40,6 +40,36 @@ SOLVED_BORDER_ERROR = 0.1
 # than other priors. (docs/developer/decisions.md)
 LEAST_WAVELET_NSR, LEAST_EXACT_WAVELET_NSR = 3e-3, 1e-3
 NSR_OF_VARIANCE = 2.0
+
+
+class StageClock:
+    """Times the stages of one computation, reports their progress, and logs them at the level DEBUG."""
+
+    def __init__(self, progress: Progress | None = None) -> None:
+        self.timings: dict[str, float] = {}  # s spent in each stage so far
+        self._progress = progress
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time the body as a stage; the times of several bodies of one stage add up."""
+        begin = time.perf_counter()
+        if name not in self.timings:
+            self._report(name, 0.0)
+        yield
+        seconds = time.perf_counter() - begin
+        LOG.debug("stage %s: %.3f s", name, seconds)
+        self.timings[name] = self.timings.get(name, 0.0) + seconds
+        # The solver reports its own end.
+        if name != "apply":
+            self._report(name, 1.0)
+
+    def within(self, name: str, part: int = 0, parts: int = 1) -> StageProgress:
+        """Return a function that reports the progress of one of several parts of a stage."""
+        return lambda fraction: self._report(name, (part + fraction) / parts)
+
+    def _report(self, name: str, fraction: float) -> None:
+        if self._progress is not None:
+            self._progress(name, fraction)
 
 
 def split_highlights(

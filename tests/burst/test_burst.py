@@ -402,6 +402,6 @@ def test_what_the_steps_keep_changes_nothing(picture, paths, monkeypatch):
     solver = RowBurst(paths, [0.5, 0.5], SOLVED)
     kept = solver.apply([picture, picture], prior=TV)
     for room in (0, 4 * solver._assembled_sizes[0]):
-        monkeypatch.setattr("rsdeblur.deconv.rowwise_solver.ASSEMBLED_BYTES", room)
+        monkeypatch.setattr("rsdeblur.deconv.rowwise.ASSEMBLED_BYTES", room)
         # Sums are taken in another order.
         np.testing.assert_allclose(solver.apply([picture, picture], prior=TV), kept, atol=2e-5)

@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter
 
 from rsdeblur import Camera, Exposure, scene, simulate
 from rsdeblur.deconv import DerivativePrior, RowBlur, RowDeconvolver
-from rsdeblur.kernels.spread import interpolated
+from rsdeblur.kernels.raster import interpolated
 from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.tuning.strength import LENS
 

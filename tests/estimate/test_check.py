@@ -10,7 +10,7 @@ from skimage.metrics import peak_signal_noise_ratio
 from rsdeblur import Camera, Correction, Exposure, InputError, deblur, hand_shake, scene, simulate
 from rsdeblur.estimate import Refinement
 from rsdeblur.estimate.check import doubted_by
-from rsdeblur.estimate.rival_axes import OTHER_AXES
+from rsdeblur.estimate.search import OTHER_AXES
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.pipeline.steps import fall_back
 

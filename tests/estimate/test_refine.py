@@ -10,9 +10,8 @@ from rsdeblur import Camera, Correction, Exposure, Uncertainty, deblur, hand_sha
 from rsdeblur.estimate import Refinement
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.regions import DriftByRegion, with_factors
-from rsdeblur.estimate.rival_axes import OTHER_AXES
 from rsdeblur.estimate.score import Score
-from rsdeblur.estimate.search import Search
+from rsdeblur.estimate.search import OTHER_AXES, Search
 from rsdeblur.estimate.sharpness import TILES
 from rsdeblur.estimate.streaks import MOST_NATS, LightStreaks
 from rsdeblur.motion import BlurPaths

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, Exposure, GyroLog, find_time_offset, hand_shake, scene, simulate
-from rsdeblur.estimate.rival_axes import OTHER_AXES
+from rsdeblur.estimate.search import OTHER_AXES
 
 CAMERA = Camera(224, 160, 350.0, readout_time=0.03)
 EXPOSURE = Exposure(0.5, 1 / 25)

@@ -15,7 +15,7 @@ from PIL import Image, ImageCms
 from PIL.JpegImagePlugin import JpegImageFile
 
 from rsdeblur import FileFormatError, InputError, OutputError, read_picture, write_picture
-from rsdeblur.image.profile import linear_profile
+from rsdeblur.image.transfer import linear_profile
 from rsdeblur.io import Picture, pictures, read_depths
 from rsdeblur.io.arrays import read_psfs
 from rsdeblur.io.exif import Exif

@@ -8,10 +8,9 @@ from scipy import ndimage
 from rsdeblur.kernels import chroma, frame
 from rsdeblur.kernels.frame import HALO, LEVELS, WORK
 from rsdeblur.kernels.noise import halved_gradient_energy
-from rsdeblur.kernels.raster import rasterize
+from rsdeblur.kernels.raster import interpolated, rasterize
 from rsdeblur.kernels.resample import average_warps, to_spline
 from rsdeblur.kernels.shrink import CHUNK, extrapolate
-from rsdeblur.kernels.spread import interpolated
 from rsdeblur.kernels.tone import END, to_srgb, to_srgb_levels
 from rsdeblur.kernels.whittle import Tiles, fit_gains, information, smoothed_power
 from tests.oracles.geometry import rasterize_numpy, to_spline_numpy

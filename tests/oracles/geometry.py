@@ -4,9 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rsdeblur.kernels.raster import GAUSS_HIGH, GAUSS_LOW
+from rsdeblur.kernels.raster import _TABLE, GAUSS_HIGH, GAUSS_LOW, MOST_STEP, STEPS, WIDTH, _sinc_table
 from rsdeblur.kernels.resample import FARTHEST, ORDER
-from rsdeblur.kernels.spread import _TABLE, MOST_STEP, STEPS, WIDTH, _sinc_table
 from rsdeblur.types import FloatArray, FloatImage
 
 

@@ -5,9 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rsdeblur import Camera, Exposure, Translation, deblur, hand_shake, scene, simulate
-from rsdeblur.image.clipping import keep_colours_near_clipped
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.image.undershoot import fade_undershoot
+from rsdeblur.image.mending import fade_undershoot, keep_colours_near_clipped
 
 # A window is 5 cells of 8 px: limits hold up to 2 cells from clipped pixels, and set in over another one. The weight
 # is interpolated to the pixels of one more.
