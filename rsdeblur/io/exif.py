@@ -11,18 +11,21 @@ from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
 from PIL import Image
 from PIL.ExifTags import IFD, Base
 
 from rsdeblur._util.binary import DAMAGE, LONG, ORIENTATION, PREFIX, SHORT, Directory, Tags, block_of
-from rsdeblur.errors import InputError
-from rsdeblur.motion.wall_clock import SECOND_NS, CaptureTime, shown
+from rsdeblur.errors import ClockError, InputError
+from rsdeblur.motion.gyro import GyroLog
 
 MAKE, MODEL, ZOOM = Base.Make, Base.Model, Base.DigitalZoomRatio
 # mm: diagonal of a 36 x 24 mm film frame, to which the 35 mm equivalent refers.
 FILM_DIAGONAL = 43.267
+# Time in EXIF minus the start of the exposure, s: cameras write the command, the end or the storing of the picture, and
+# some whole seconds only.
+EXIF_ERROR = (-2.0, 1.0)
 
 
 class Exif:
@@ -92,6 +95,13 @@ class Exif:
         )
 
 
+class CaptureTime(NamedTuple):
+    """Time of a photo: Unix time, or its local time as if that were UTC, in ns."""
+
+    ns: int
+    has_zone: bool
+
+
 def capture_time(exif: Exif) -> CaptureTime:
     """Return the time at which a photo was taken: DateTimeOriginal, its fraction and its offset."""
     try:
@@ -103,11 +113,37 @@ def capture_time(exif: Exif) -> CaptureTime:
         raise InputError("the EXIF block contains no DateTimeOriginal; give --start or --start-ns") from None
     digits = exif.text(Base.SubsecTimeOriginal) or ""
     fraction = int(digits[:9].ljust(9, "0")) if digits.isascii() and digits.isdigit() else 0
-    ns = round(local.timestamp()) * SECOND_NS + fraction
+    ns = round(local.timestamp()) * 10**9 + fraction
     with suppress(ValueError):
         zone = datetime.strptime(exif.text(Base.OffsetTimeOriginal) or "", "%z").utcoffset() or timedelta()
-        return CaptureTime(ns - round(zone.total_seconds()) * SECOND_NS, True)
+        return CaptureTime(ns - round(zone.total_seconds()) * 10**9, True)
     return CaptureTime(ns, False)
+
+
+def on_clock_of(time: CaptureTime, log: GyroLog) -> int:
+    """Return the Unix time of a photo in ns; without a time zone, in the one zone in which the log covers the photo."""
+    first, last = (log.epoch_ns + round(end * 10**9) for end in log.span)
+    # Timestamps before the year 2000 are not Unix time: clocks of phones count from their start.
+    if first < 946_684_800 * 10**9:
+        raise ClockError("the timestamps of the log are not Unix time, so the time in EXIF has no place on its clock")
+    early, late = (round(error * 10**9) for error in EXIF_ERROR)
+    # Time zones differ from UTC by multiples of a quarter of an hour, from -12 to +14 hours.
+    quarters = range(1) if time.has_zone else range(-48, 57)
+    times = [time.ns - quarter * 900 * 10**9 for quarter in quarters]
+    fitting = [ns for ns in times if first + early <= ns <= last + late]
+    if len(fitting) != 1:
+        what = "several time zones fit" if fitting else "the log does not cover it"
+        zone = "" if time.has_zone else ", local time"
+        raise ClockError(
+            f"the photo was taken at {shown(time.ns)}{zone} by its EXIF block, the log spans {shown(first)} to "
+            f"{shown(last)} UTC: {what}; give --start-ns"
+        )
+    return fitting[0]
+
+
+def shown(ns: int) -> str:
+    """Return a Unix time in ns as text, UTC."""
+    return datetime.fromtimestamp(ns // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S")
 
 
 def shown_time(exif: Exif) -> str | None:

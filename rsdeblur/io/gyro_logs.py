@@ -20,9 +20,8 @@ from rsdeblur.io.gyro_tables import FACTS
 from rsdeblur.io.samples import ACCELEROMETER, GYRO, AnySensor, GyroFile, Samples, finish
 from rsdeblur.io.source import Format, Source, choose, members_of
 from rsdeblur.io.text import cells_of, is_number, line_error
-from rsdeblur.motion.acceleration import AccelerationLog
 from rsdeblur.motion.axes import orientation as orientation_matrix
-from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.gyro import AccelerationLog, GyroLog
 
 FAMILIES = (gyro_binary.formats, gyroflow.formats, gyro_tables.formats)
 

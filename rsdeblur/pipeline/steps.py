@@ -21,8 +21,8 @@ from rsdeblur.image.highlights import HighlightSplit, find_spots, lights, separa
 from rsdeblur.image.quantise import quantised
 from rsdeblur.image.transfer import normalized
 from rsdeblur.image.undershoot import UndershootMeter, fade_undershoot
+from rsdeblur.motion.alignment import rectify
 from rsdeblur.motion.paths import Capture
-from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.memory import plan_chunks
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import ChunkSolver, Strengths

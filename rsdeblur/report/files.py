@@ -22,8 +22,8 @@ from rsdeblur.io.gyroflow import is_profile
 from rsdeblur.io.picture_output import KINDS
 from rsdeblur.io.pictures import is_picture
 from rsdeblur.io.source import Source, is_archive
-from rsdeblur.motion.acceleration import AccelerationLog
 from rsdeblur.motion.axes import PRESETS, imu_to_camera
+from rsdeblur.motion.gyro import AccelerationLog
 
 AXES = {
     "phone": "phone: x right, y up, z out of the screen",

@@ -11,9 +11,8 @@ from PIL.ExifTags import IFD, Base
 from rsdeblur import Exposure, FileFormatError, GyroLog, InputError, read_captures, read_trajectory
 from rsdeblur.errors import ClockError
 from rsdeblur.io.captures import read_clocks
-from rsdeblur.io.exif import Exif, capture_time, shown_time
+from rsdeblur.io.exif import Exif, capture_time, on_clock_of, shown_time
 from rsdeblur.io.sessions import camera_in, files_in
-from rsdeblur.motion.wall_clock import on_clock_of
 from tests._util.files import ANDROID, CAPTURES, EPOCH, NEXT, RATES, TIMESTAMPS, TRAJECTORIES, trailer
 
 Write = Callable[..., Path]
