@@ -30,7 +30,6 @@ from rsdeblur.image.transfer import to_linear as to_linear
 from rsdeblur.io import open_camera as open_camera
 from rsdeblur.io import open_gyro as open_gyro
 from rsdeblur.io import read_captures as read_captures
-from rsdeblur.io.arrays import read_psfs as read_psfs
 from rsdeblur.io.camera_file import Assumption as Assumption
 from rsdeblur.io.camera_file import CameraFile as CameraFile
 from rsdeblur.io.cameras import check_editable as check_editable
@@ -54,6 +53,7 @@ from rsdeblur.io.pictures import Picture as Picture
 from rsdeblur.io.pictures import is_picture as is_picture
 from rsdeblur.io.pictures import read_header as read_header
 from rsdeblur.io.pictures import read_picture as read_picture
+from rsdeblur.io.pictures import read_psfs as read_psfs
 from rsdeblur.io.samples import GyroFile as GyroFile
 from rsdeblur.io.sessions import SessionPhoto as SessionPhoto
 from rsdeblur.io.sessions import camera_in as camera_in

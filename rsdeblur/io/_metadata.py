@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from io import BytesIO
 from typing import Any, Literal
 
-import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from rsdeblur._util.binary import DAMAGE, PREFIX, tags_of
 from rsdeblur._util.one_line import one_line
@@ -39,8 +35,6 @@ OTHER_TEXTS = (
 DESCRIBES = "the XMP packet, which describes parts of the original that the result does not have"
 # Blocks of metadata: the name for messages, and the length of the longest in a JPEG.
 BLOCKS = {"exif": ("the EXIF block", 65_533), "xmp": ("the XMP packet", 65_502), "iptc": ("the IPTC record", 65_500)}
-# Place of the IPTC record in a PNG.
-PNG_IPTC = "Raw profile type iptc"
 
 # Most bytes of samples in a classic TIFF: its offsets have 32 bits, and its tags need room too.
 CLASSIC_BYTES = 2**32 - 2**24
@@ -96,7 +90,7 @@ def of_info(info: Mapping[Any, Any], data: bytes, pixels: NDArray[Any], exif: by
     xmp = xmp.encode() if isinstance(xmp, str) else xmp
     if exif and not exif.startswith(PREFIX):
         exif = PREFIX + exif
-    iptc = info.get("photoshop", {}).get(0x0404) or _of_png_iptc(info.get(PNG_IPTC))
+    iptc = info.get("photoshop", {}).get(0x0404)
     profile, losses = info.get("icc_profile"), losses_of(data, xmp)
     return Picture(pixels, exif or None, profile, None, xmp or None, iptc or None, losses)
 
@@ -106,39 +100,13 @@ def losses_of(data: bytes, xmp: bytes | None) -> tuple[str, ...]:
     return tuple(text for text, marks in LOSSES.items() if any(mark in data or (xmp and mark in xmp) for mark in marks))
 
 
-def _of_png_iptc(text: str | bytes | None) -> bytes | None:
-    """Return the IPTC record in a text chunk of ImageMagick's form: a name, a length, hexadecimal digits."""
-    words = (text.decode("latin-1") if isinstance(text, bytes) else text or "").split(maxsplit=2)
-    if len(words) < 3:
-        return None
-    digits = re.sub(r"\s", "", words[2])
-    try:
-        record = bytes.fromhex(digits)
-    except ValueError:
-        return None
-    # Some programs wrap it into a resource of Photoshop.
-    start = record.find(b"8BIM\x04\x04\0\0") if b"8BIM" in record[:32] else -1
-    if start < 0:
-        return record
-    size = int.from_bytes(record[start + 8 : start + 12], "big")
-    return record[start + 12 : start + 12 + size] or None
-
-
-def png_iptc(record: bytes) -> bytes:
-    """Return the text of a PNG chunk for an IPTC record."""
-    digits = record.hex()
-    lines = "\n".join(digits[i : i + 72] for i in range(0, len(digits), 72))
-    return f"\niptc\n{len(record):8d}\n{lines}\n".encode()
-
-
-def renewed(old: Picture, pixels: NDArray[Any], kind: str, *, is_done: bool = True) -> Picture:
-    """Return a result with the metadata of its original; it gets a thumbnail only if it `is_done`."""
+def renewed(old: Picture, pixels: NDArray[Any], kind: str) -> Picture:
+    """Return a result with the metadata of its original."""
     height, width = pixels.shape[:2]
     losses = list(old.losses)
     new = replace(old, pixels=pixels, icc_profile=fitting_profile(old.icc_profile, pixels, grey=kind != "WebP"))
     if old.exif:
-        draw = (lambda most: _thumbnail(pixels, old.transfer, most)) if is_done else lambda _: None
-        new = replace(new, exif=renewed_exif(old.exif, width, height, draw))
+        new = replace(new, exif=renewed_exif(old.exif, width, height))
     if old.xmp and (losses_of(b"", old.xmp) or any(text in old.xmp for text in OTHER_TEXTS)):
         new, losses = replace(new, xmp=None), [*losses, DESCRIBES]
     for name, reason in _refused(new, kind).items():
@@ -160,8 +128,8 @@ def _refused(picture: Picture, kind: str) -> dict[str, str]:
     blocks = {name: block for name in BLOCKS if (block := getattr(picture, name))}
     if kind == "NumPy":
         return dict.fromkeys(blocks, "which NumPy files do not have")
-    if kind == "WebP":
-        return {"iptc": "which WebP files do not have"} if "iptc" in blocks else {}
+    if kind in ("PNG", "WebP"):
+        return {"iptc": f"which {kind} files do not have"} if "iptc" in blocks else {}
     if kind == "JPEG":
         reason = "whose {} bytes are too many for JPEG"
         return {name: reason.format(len(block)) for name, block in blocks.items() if len(block) > BLOCKS[name][1]}
@@ -173,27 +141,3 @@ def _refused(picture: Picture, kind: str) -> dict[str, str]:
         except DAMAGE as error:
             return {"exif": f"which is damaged: {error}"}
     return {}
-
-
-def _thumbnail(pixels: NDArray[Any], transfer: str, most: int) -> bytes | None:
-    """Return a small JPEG of a picture, of at most `most` bytes; None if it does not fit."""
-    side = 160  # px: the size that EXIF recommends
-    step = max(1, max(pixels.shape[:2]) // (4 * side))
-    small = pixels[::step, ::step]
-    if small.dtype.kind == "u":
-        small = small / np.float32(np.iinfo(small.dtype).max)
-    small = np.clip(small, 0.0, 1.0)
-    if small.ndim == 3:
-        small = small[..., :3] if small.shape[2] > 2 else small[..., 0]
-    if transfer == "linear":
-        from rsdeblur.image.transfer import from_linear
-
-        small = from_linear(small, "srgb")
-    image = Image.fromarray(np.rint(255 * small).astype(np.uint8))
-    image.thumbnail((side, side))
-    for quality in (80, 50, 20):  # some 6 kB, and less for a small place
-        buffer = BytesIO()
-        image.save(buffer, "JPEG", quality=quality)
-        if len(buffer.getvalue()) <= most:
-            return buffer.getvalue()
-    return None

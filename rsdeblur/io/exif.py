@@ -1,13 +1,12 @@
 """EXIF: exposure, camera data and time of a photo; and its block, renewed for a result and copied into TIFF files.
 
-Sizes, orientation and thumbnail are renewed where they are, so that offsets in makers' notes stay true.
+Sizes and orientation are renewed where they are, so that offsets in makers' notes stay true.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from fractions import Fraction
@@ -167,11 +166,8 @@ def with_orientation(exif: bytes | None, orientation: int) -> bytes:
     return block_of(tags | {ORIENTATION: (SHORT, 1, struct.pack("<H", orientation))})
 
 
-def renewed(exif: bytes, width: int, height: int, draw: Callable[[int], bytes | None]) -> bytes:
-    """Return an EXIF block for a picture of this size in px, with the thumbnail that `draw` returns.
-
-    `draw` gets the most bytes of a JPEG. Where it returns None, the old thumbnail is removed.
-    """
+def renewed(exif: bytes, width: int, height: int) -> bytes:
+    """Return an EXIF block for a picture of this size in px, without the thumbnail."""
     prefix, data = exif[: len(exif) - len(exif.removeprefix(PREFIX))], bytearray(exif.removeprefix(PREFIX))
     try:
         main = Directory(data)
@@ -186,28 +182,22 @@ def renewed(exif: bytes, width: int, height: int, draw: Callable[[int], bytes | 
                 if (before := camera.number(tag)) not in (0, side):
                     camera.scale(plane, Fraction(side, before))
                 camera.set(tag, LONG, side)
-        _renew_thumbnail(main, draw)
+        _remove_thumbnail(main)
     except DAMAGE:
         return exif
     return prefix + bytes(data)
 
 
-def _renew_thumbnail(main: Directory, draw: Callable[[int], bytes | None]) -> None:
-    """Put a new thumbnail into the place of the old one; remove the second directory if none fits."""
+def _remove_thumbnail(main: Directory) -> None:
+    """Remove the second directory with its thumbnail, which shows the blurred photo."""
     data = main.data
     start = main.unpack("I", main.end) if len(data) >= main.end + 4 else 0
     if not 0 < start < len(data) - 2:
         return
     second = Directory(data, start)
     place = second.number(Base.JpegIFOffset)
-    length = min(second.number(Base.JpegIFByteCount), len(data) - place)
-    new = None
-    if length > 0:
+    if (length := min(second.number(Base.JpegIFByteCount), len(data) - place)) > 0:
         if place <= main.end:
             raise ValueError("the thumbnail claims the bytes of the first directory")
-        new = draw(length)
-        data[place : place + length] = (new or b"").ljust(length, b"\0")
-    if new is None:
-        struct.pack_into("4s", data, main.end, bytes(4))
-    else:
-        second.set(Base.JpegIFByteCount, LONG, len(new))
+        data[place : place + length] = bytes(length)
+    data[main.end : main.end + 4] = bytes(4)

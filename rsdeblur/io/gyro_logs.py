@@ -185,7 +185,7 @@ def _choose(
     order = partial(_order, sensor=sensor)
     members = members_of(Source(path, sensor.what), order)
     facts = _facts_beside(members)
-    tried = known if format is None else (choose(known, members[0], format),)
+    tried = [each for each in known if format in (None, each.name)]
     # In their order, so that large files of other sensors are not parsed beside the log.
     for _, group in groupby(members, lambda member: order(member.path.name)[:2]):
         if fitting := [member for member in group if any(each.fits(member) for each in tried)]:

@@ -163,9 +163,7 @@ class Format(Generic[T]):
 
 def text_format(name: str, title: str, sniff: Callable[[TextFile], bool], read: Callable[[TextFile], T]) -> Format[T]:
     """Return a format whose files are lines of text."""
-    return Format(
-        name, title, lambda source: source.looks_like_text and sniff(source.text), lambda source: read(source.text)
-    )
+    return Format(name, title, lambda source: sniff(source.text), lambda source: read(source.text))
 
 
 class Kind(NamedTuple):
@@ -195,17 +193,19 @@ def mistaken(source: Source) -> FileFormatError | None:
 def choose(
     formats: Sequence[Format[T]], source: Source, name: str | None = None, *, quantity: Quantity | None = None
 ) -> Format[T]:
-    """Return the format called `name`; without a name, the first whose `sniff` accepts the content.
+    """Return the format called `name` or, without a name, the first one; its `sniff` must accept the content.
 
     The error for an unknown table lists its columns, and prints the option that names those of `quantity`.
     """
     known = "; ".join(f"{each.name} ({each.title})" for each in formats)
     if name is not None:
         validate.instance("format", name, str)
-        for each in formats:
-            if each.name == name:
-                return each
-        raise source.error(f"there is no {source.what} format {name!r}; known formats: {known}")
+        named = next((each for each in formats if each.name == name), None)
+        if named is None:
+            raise source.error(f"there is no {source.what} format {name!r}; known formats: {known}")
+        if not named.sniff(source):
+            raise source.error(f"not in the format {name}: {named.title}")
+        return named
     for each in formats:
         if each.fits(source):
             return each
