@@ -11,6 +11,7 @@ import re
 import struct
 import zlib
 from collections.abc import Mapping
+from dataclasses import replace
 from decimal import Decimal
 from functools import partial
 from typing import Any
@@ -397,7 +398,7 @@ def _project(source: Source, project: dict[str, Any], request: Request) -> Camer
     if video.get("rotation"):
         text = f"the project turns the video by {video['rotation']:g} degrees; that is not applied"
         assumptions.append(Assumption("", text))
-    camera = file.camera.delayed(float(np.mean(offsets)) if offsets else 0.0)
+    camera = replace(file.camera, time_offset=float(np.mean(offsets)) if offsets else 0.0)
     return CameraFile(camera, "gyroflow-project", file.facts, tuple(assumptions))
 
 

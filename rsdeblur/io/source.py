@@ -225,7 +225,7 @@ def is_archive(source: Source) -> bool:
     return source.head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
 
 
-def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]]) -> list[Source]:
+def members_of(source: Source, order: Callable[[str], Any]) -> list[Source]:
     """Return the text files of a zip archive, in the order of this key; any other file is returned alone."""
     if not is_archive(source):
         return [source]
@@ -243,7 +243,7 @@ def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]]) -
                     f"the archive claims to contain {size} bytes of text, the limit is {limit}; "
                     "extract it and give the gyro's file"
                 )
-            entries.sort(key=lambda entry: order(entry.filename))
+            entries.sort(key=lambda entry: (order(entry.filename), entry.filename))
             members = [_member(source, archive, entry) for entry in entries]
     except FileFormatError:
         raise

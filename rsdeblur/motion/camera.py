@@ -186,17 +186,6 @@ class Camera:
         rows = validate.array("rows", rows)
         return self.lines - 1 - rows if backwards else rows
 
-    def timestamp_delay(self, duration: float) -> float:
-        """Return the time in s from the first row's start of exposure to the moment that the timestamp marks.
-
-        Parameters
-        ----------
-        duration : float
-            Exposure time of every row in s.
-        """
-        duration = validate.finite("duration", duration)
-        return TIMESTAMP_SHARES[self.timestamp_marks] * (self.readout_time * (self.lines - 1) / self.lines + duration)
-
     def rays(self, points: ArrayLike) -> FloatArray:
         """Return the viewing directions of pixels.
 
@@ -299,26 +288,6 @@ class Camera:
         return replace(
             self, width=width, height=height, focal_length=(fx * sx, fy * sy), principal_point=principal_point
         )
-
-    def delayed(self, dt: float) -> Camera:
-        """Return the camera with another time offset.
-
-        Parameters
-        ----------
-        dt : float
-            Seconds added to `time_offset`.
-
-        Returns
-        -------
-        Camera
-            The same camera, whose clock shows `dt` more for the same gyro time.
-
-        Raises
-        ------
-        InputError
-            If `dt` is not finite.
-        """
-        return replace(self, time_offset=self.time_offset + validate.finite("dt", dt))
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
         """Return the camera of a part of the picture.

@@ -113,27 +113,16 @@ class SensorLog:
         """First and last sample time in s relative to `epoch_ns`."""
         return float(self.t[0]), float(self.t[-1])
 
-    def gaps(self, *, factor: float = 3.0) -> FloatArray:
-        """Return the gaps of the log: intervals longer than `factor` times the median interval.
-
-        Parameters
-        ----------
-        factor : float, default 3.0
-            Greater than 1.
+    def gaps(self) -> FloatArray:
+        """Return the gaps of the log: intervals longer than three times the median interval.
 
         Returns
         -------
         ndarray, shape (k, 2)
             Times in s relative to `epoch_ns` of the samples before and after each gap.
-
-        Raises
-        ------
-        InputError
-            If `factor` is not a finite number greater than 1.
         """
-        factor = validate.finite("factor", factor, above=1.0)
         step = np.diff(self.t)
-        (i,) = np.nonzero(step > factor * np.median(step))
+        (i,) = np.nonzero(step > 3 * np.median(step))
         return np.stack([self.t[i], self.t[i + 1]], axis=1)
 
     def shifted(self, dt: float) -> Self:
