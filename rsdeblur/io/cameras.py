@@ -22,10 +22,10 @@ from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io import gyroflow, kalibr
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished
 from rsdeblur.io.columns import Cell
-from rsdeblur.io.exif import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.gyro_binary import is_video
 from rsdeblur.io.gyro_logs import open_gyro
 from rsdeblur.io.gyroflow import is_gcsv
+from rsdeblur.io.metadata import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.pictures import is_picture, read_header
 from rsdeblur.io.source import Format, Source, choose
 from rsdeblur.io.text import TextFile, cells_of, is_number

@@ -13,8 +13,8 @@ import numpy as np
 
 from rsdeblur.errors import InputError
 from rsdeblur.io.columns import TIME_UNITS, Cell, Columns, Quantity, chosen_columns, named_columns
-from rsdeblur.io.exif import Exif
 from rsdeblur.io.gyro_binary import trailer_of
+from rsdeblur.io.metadata import Exif
 from rsdeblur.io.pictures import read_header
 from rsdeblur.io.source import Format, Source, choose, text_format
 from rsdeblur.io.text import Rows, Table, TextFile, cells_of, is_number, read_table

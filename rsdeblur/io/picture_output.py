@@ -25,7 +25,7 @@ from rsdeblur._util.files import checked_path
 from rsdeblur.errors import InputError, OutputError, RsdeblurWarning
 from rsdeblur.image.quantise import quantised
 from rsdeblur.io import _tiff
-from rsdeblur.io._metadata import Picture, renewed
+from rsdeblur.io.metadata import Picture, renewed
 from rsdeblur.io.pictures import DAMAGE
 
 KINDS = {

@@ -32,8 +32,8 @@ from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur._util.threads import held_at_forks
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io import _sensor, _tiff
-from rsdeblur.io._metadata import Picture as Picture
-from rsdeblur.io._metadata import fitting_profile, of_info
+from rsdeblur.io.metadata import Picture as Picture
+from rsdeblur.io.metadata import fitting_profile, of_info
 from rsdeblur.io.source import Refused, Source, check_trusted, mistaken
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray

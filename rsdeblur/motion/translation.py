@@ -67,8 +67,7 @@ class Translation:
         position = validate.real_array("position", self.position, (None, 3))
         if len(t) != len(position) or len(t) < 2:
             raise InputError(f"t and position must have the same length, at least 2; got {len(t)} and {len(position)}")
-        if (np.diff(t) <= 0).any():
-            raise InputError("t must increase")
+        validate.increasing("t", t)
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "depth", _depths(self.depth))
@@ -367,6 +366,5 @@ class Trajectory:
 
         # A track may begin or end by a tick of the clock inside the exposure.
         time = float(np.clip(time, times[0], times[-1]))
-        i = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
-        matrix: FloatArray = Slerp(times[i : i + 2], Rotation.from_quat(self.quaternion[i : i + 2]))(time).as_matrix()
+        matrix: FloatArray = Slerp(times, Rotation.from_quat(self.quaternion))(time).as_matrix()
         return matrix

@@ -15,10 +15,10 @@ from rsdeblur.io.camera_file import CameraFile
 from rsdeblur.io.cameras import detect_camera_format
 from rsdeblur.io.captures import FORMATS, WHAT, clock_facts, open_captures
 from rsdeblur.io.columns import choice_for, choices_of
-from rsdeblur.io.exif import MAKE, MODEL, Exif, shown_time
 from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.gyroflow import is_profile
+from rsdeblur.io.metadata import MAKE, MODEL, Exif, shown_time
 from rsdeblur.io.picture_output import KINDS
 from rsdeblur.io.pictures import is_picture
 from rsdeblur.io.source import Source, is_archive

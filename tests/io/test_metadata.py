@@ -16,7 +16,7 @@ from PIL.TiffImagePlugin import IFDRational
 from rsdeblur import RsdeblurWarning, read_picture, write_picture
 from rsdeblur._util.binary import block_of, tags_of
 from rsdeblur.io import Picture
-from rsdeblur.io.exif import Exif, renewed, with_orientation
+from rsdeblur.io.metadata import Exif, renewed_exif, with_orientation
 from rsdeblur.io.picture_output import iptc_segment, picture_to_fill
 from tests.hostile.packets import KEPT, LOST, with_thumbnail
 from tests.installed import needs
@@ -89,12 +89,12 @@ def test_every_value_comes_through(tmp_path: Path, exif: bytes, suffix: str, dty
 
 @BLOCKS
 def test_sizes_are_those_of_the_new_picture(exif: bytes) -> None:
-    half = renewed(exif, WIDTH // 2, HEIGHT // 2)
+    half = renewed_exif(exif, WIDTH // 2, HEIGHT // 2)
     assert (values(half)[0x8769][0xA002], values(half)[0x8769][0xA003]) == (WIDTH // 2, HEIGHT // 2)
     # The sensor stays as large, and so does the angle of view.
     whole = Exif(exif).focal_px(WIDTH, HEIGHT)[0]
     assert Exif(half).focal_px(WIDTH // 2, HEIGHT // 2)[0] == pytest.approx(whole / 2, rel=1e-3)
-    assert values(renewed(exif, 100_000, 300))[0x8769][0xA002] == 100_000
+    assert values(renewed_exif(exif, 100_000, 300))[0x8769][0xA002] == 100_000
     # The thumbnail is removed.
     assert b"blurred thumbnail" not in half
 

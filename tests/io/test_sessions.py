@@ -11,7 +11,7 @@ from PIL.ExifTags import IFD, Base
 from rsdeblur import Exposure, FileFormatError, GyroLog, InputError, read_captures, read_trajectory
 from rsdeblur.errors import ClockError
 from rsdeblur.io.captures import clock_facts
-from rsdeblur.io.exif import Exif, capture_time, on_clock_of, shown_time
+from rsdeblur.io.metadata import Exif, capture_time, on_clock_of, shown_time
 from rsdeblur.io.sessions import camera_in, files_in
 from rsdeblur.io.source import Source
 from tests._util.files import ANDROID, CAPTURES, EPOCH, NEXT, RATES, TIMESTAMPS, TRAJECTORIES, trailer
