@@ -55,13 +55,13 @@ from rsdeblur.io.pictures import read_header as read_header
 from rsdeblur.io.pictures import read_picture as read_picture
 from rsdeblur.io.pictures import read_psfs as read_psfs
 from rsdeblur.io.samples import GyroFile as GyroFile
+from rsdeblur.io.sessions import UNNUMBERED as UNNUMBERED
 from rsdeblur.io.sessions import SessionPhoto as SessionPhoto
 from rsdeblur.io.sessions import camera_in as camera_in
-from rsdeblur.io.sessions import capture_files as capture_files
+from rsdeblur.io.sessions import capture_file_in as capture_file_in
 from rsdeblur.io.sessions import files_in as files_in
 from rsdeblur.io.sessions import gyro_log_in as gyro_log_in
 from rsdeblur.io.sessions import indices_of as indices_of
-from rsdeblur.io.sessions import open_session as open_session
 from rsdeblur.io.sessions import photos_in as photos_in
 from rsdeblur.io.source import Source as Source
 from rsdeblur.io.source import mistaken as mistaken
