@@ -36,7 +36,7 @@ TRAILER = np.dtype(
 
 def trailer_of(source: Source) -> Any:
     """Return the GYRODATA trailer of a JPEG as a `TRAILER`; None if the file has none."""
-    end = source.tail(TRAILER.itemsize) if source.head.startswith(b"\xff\xd8") else b""
+    end = source.data[-TRAILER.itemsize :] if source.head.startswith(b"\xff\xd8") else b""
     return np.frombuffer(end, TRAILER)[0] if len(end) == TRAILER.itemsize and end.startswith(b"GYRODATA\0") else None
 
 

@@ -14,7 +14,7 @@ from io import BytesIO
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from rsdeblur._util import validate
-from rsdeblur._util.files import checked_path, open_file, read_file
+from rsdeblur._util.files import checked_path, read_file
 from rsdeblur._util.once import once
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.columns import RATE, Quantity, guessed_option, is_table, listed, named_columns
@@ -62,26 +62,13 @@ class Source:
 
     def __init__(self, path: str | os.PathLike[str], what: str, content: bytes | None = None) -> None:
         self.path, self.what, self._content = checked_path(path), what, content
-        self.head = self._read(0, HEAD)
-
-    def _read(self, start: int, size: int = -1) -> bytes:
-        if self._content is not None:
-            return self._content[start:][: size if size >= 0 else None]
-        return read_file(self.path, self.what, start, size)
-
-    def tail(self, size: int) -> bytes:
-        """Return the last `size` bytes, or all bytes of a shorter file."""
-        if self._content is not None:
-            return self._content[-size:]
-        with open_file(self.path, self.what) as file:
-            whole = os.fstat(file.fileno()).st_size
-        return self._read(max(whole - size, 0))
+        self.head = read_file(self.path, what, size=HEAD) if content is None else content[:HEAD]
 
     @property
     @once
     def data(self) -> bytes:
         """The whole content."""
-        return self._read(0)
+        return read_file(self.path, self.what) if self._content is None else self._content
 
     @property
     def text(self) -> TextFile:
@@ -143,7 +130,7 @@ T = TypeVar("T")
 class Format(Generic[T]):
     """One file format: its name, by which users choose it, its title for messages, and how it is found and read.
 
-    `sniff` returns whether the content looks like this format. It reads the start (or the end) only and raises nothing
+    `sniff` returns whether the content looks like this format. Mostly, it reads the start only, and it raises nothing
     but `FileFormatError`, which means no. `read` reads the file, with the user's choices in further arguments, or
     raises `FileFormatError`.
     """
