@@ -153,7 +153,7 @@ def capture(words: str) -> Capture:
     if "fisheye" in given:
         changes |= {"distortion_model": "fisheye", "distortion": (0.05, -0.01, 2e-3, 0.0)}
         changes |= {"timestamp_marks": "middle"}
-        exposure = exposure.shifted(0.03)
+        exposure = replace(exposure, start=exposure.start + 0.03)
     if "mounted" in given:
         changes |= {"imu_to_camera": "phone-landscape", "time_offset": 0.004}
         exposure, log = rs.Exposure(0.05, 1 / 30, EPOCH), replace(log, epoch_ns=EPOCH)
@@ -174,7 +174,7 @@ def capture(words: str) -> Capture:
     if "wrong" in given:
         camera = replace(camera, time_offset=camera.time_offset - 0.03)
     if "late" in given:
-        exposure = exposure.shifted(60.0)
+        exposure = replace(exposure, start=exposure.start + 60.0)
     return Capture(light, log, camera, exposure, track)
 
 

@@ -20,7 +20,7 @@ import multiprocessing
 import os
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -149,7 +149,7 @@ def kernel(
     # A turn about y moves the picture along x.
     rate = np.array([down, across, 0.0]) / (camera.focal_length[0] * EXPOSURE.duration)
     log = GyroLog(shake.t, shake.omega * (size, size, 0.0) + rate)
-    drawn: Image = psfs(log, camera, EXPOSURE.shifted(delay), mode="global").kernels[0, 0]
+    drawn: Image = psfs(log, camera, replace(EXPOSURE, start=EXPOSURE.start + delay), mode="global").kernels[0, 0]
     return drawn
 
 

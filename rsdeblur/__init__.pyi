@@ -34,10 +34,10 @@ from .pipeline.options import Options as Options
 from .pipeline.plan import Plan as Plan
 from .pipeline.plan import plan as plan
 from .psf import PsfBank as PsfBank
-from .simulation.clip import simulate_clip as simulate_clip
 from .simulation.scene import scene as scene
 from .simulation.shake import hand_shake as hand_shake
 from .simulation.simulate import simulate as simulate
+from .simulation.simulate import simulate_clip as simulate_clip
 
 __all__: list[str]
 __version__: str

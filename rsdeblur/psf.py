@@ -82,9 +82,13 @@ class PsfBank:
             centres = validate.real_array(name, getattr(self, name), (kernels.shape[axis],))
             validate.increasing(name, centres)
             object.__setattr__(self, name, centres)
-        if self.displacements is not None:
-            object.__setattr__(self, "displacements", _paths_within(self.displacements, kernels))
         object.__setattr__(self, "softness", validate.softness(self.softness))
+        if self.displacements is not None:
+            displacements = validate.real_array("displacements", self.displacements)
+            object.__setattr__(self, "displacements", displacements)
+            down, across = BlurPaths(displacements, self.rows, self.cols).extent
+            if down > kernels.shape[2] // 2 or across > kernels.shape[3] // 2:
+                raise InputError("displacements must lie within the kernels that draw them")
         if self.displacements is None and self.softness > 0:
             raise InputError("softness belongs to displacements; kernels without them contain all of the blur")
 
@@ -447,16 +451,3 @@ def _kernels(value: ArrayLike) -> NDArray[np.float32]:
     kernels /= sums[..., None, None].astype(np.float32)
     kernels.setflags(write=False)
     return kernels
-
-
-def _paths_within(value: ArrayLike, kernels: NDArray[np.float32]) -> FloatArray:
-    paths = validate.real_array("displacements", value)
-    bands, strips, height, width = kernels.shape
-    if paths.ndim != 4 or paths.shape[:2] != (bands, strips) or paths.shape[2] < 2 or paths.shape[3] != 2:
-        raise InputError(
-            f"displacements must have shape (B, S, T, 2) for {bands} x {strips} kernels and T >= 2 times, "
-            f"got {paths.shape}"
-        )
-    if (np.abs(paths).max(axis=(0, 1, 2)) > (width // 2, height // 2)).any():
-        raise InputError("displacements must lie within the kernels that draw them")
-    return paths

@@ -124,11 +124,12 @@ def test_a_later_epoch_changes_nothing(capture: Taken, mode: str, later: int) ->
 def test_timestamps_and_offsets_move_together(capture: Taken, dt: float) -> None:
     log, camera, exposure = capture.parts
     kernels = psfs(*capture.parts, bands=3, strips=2).kernels
+    later = replace(exposure, start=exposure.start + dt)
     # The gyro's clock with its offset, the camera's clock, and both clocks. Times of 50 s have steps of 7e-15 s.
     for moved in (
-        (log.shifted(dt), camera.delayed(-dt), exposure),
-        (log, camera.delayed(dt), exposure.shifted(dt)),
-        (log.shifted(dt), camera, exposure.shifted(dt)),
+        (log.shifted(dt), replace(camera, time_offset=camera.time_offset - dt), exposure),
+        (log, replace(camera, time_offset=camera.time_offset + dt), later),
+        (log.shifted(dt), camera, later),
     ):
         np.testing.assert_allclose(psfs(*moved, bands=3, strips=2).kernels, kernels, atol=1e-6)
 

@@ -361,7 +361,6 @@ CALLS: dict[str, Door] = {
     "GyroLog: omega": lambda x: GyroLog([0, 1], x),
     "GyroLog: epoch_ns": lambda x: GyroLog([0, 1], [[0, 0, 0], [0, 0, 0]], x),
     "minus_bias: b": LOG.minus_bias,
-    "gaps: factor": lambda x: LOG.gaps(factor=x),
     "covering: t0": lambda x: LOG.covering(x, 0.1, 0),
     "Camera: width": lambda x: Camera(x, 36, 60.0),
     **options(

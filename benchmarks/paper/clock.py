@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -99,7 +99,8 @@ def real(pool: Executor) -> Iterator[tuple[str, OffsetSearch]]:
 def search_photo(photo: Path, log: GyroLog, camera: Camera, exposure: Exposure) -> OffsetSearch:
     """Search relative to the offset of the camera file, so that the answer is the difference from it."""
     pixels, known = read_picture(photo).pixels, camera.time_offset
-    return find_time_offset(pixels, log.shifted(known), camera.delayed(-known), exposure, transfer="srgb")
+    early = replace(camera, time_offset=camera.time_offset - known)
+    return find_time_offset(pixels, log.shifted(known), early, exposure, transfer="srgb")
 
 
 def accuracy(trials: list[Trial], even: list[OffsetSearch], pictures: list[tuple[str, OffsetSearch]]) -> Figure:

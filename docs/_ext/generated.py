@@ -29,7 +29,7 @@ from rsdeblur.cli._output import SCHEMA, described, records
 
 # Modules for users, beside the names of `rsdeblur` itself, in the order of the package's ladder.
 MODULES = (
-    "errors", "motion", "motion.axes", "motion.rectify", "deconv", "deconv.priors", "tuning", "estimate",
+    "errors", "motion", "motion.axes", "deconv", "deconv.priors", "tuning", "estimate",
     "calibration", "simulation", "pipeline", "io", "report", "plot",
     "video.clip", "video.plan", "video.encode",
 )  # fmt: skip

@@ -256,7 +256,7 @@ class _Photos:
 
     def _directed(self, camera: Camera) -> _Fit:
         """Return the fit with a camera's mounting and direction of the readout."""
-        begins = [_read_in(camera, time).delayed(beside) for time, beside in product(READOUTS, BESIDE)]
+        begins = [_read_in(camera, time, beside) for time, beside in product(READOUTS, BESIDE)]
         return self._fit(self._ranked(begins)[0])
 
     def _reversed(self, fit: _Fit) -> FloatArray:
@@ -329,10 +329,10 @@ def _direction(leads: FloatArray, known: int) -> tuple[int, bool]:
     return known if possible else best, directed
 
 
-def _read_in(camera: Camera, readout_time: float) -> Camera:
-    """Return a camera with another readout time; the middle row keeps its time on the log's clock."""
-    later = camera.delayed(_middle(camera) * (readout_time - camera.readout_time))
-    return replace(later, readout_time=readout_time, readout_sd=0.0)
+def _read_in(camera: Camera, readout_time: float, later: float = 0.0) -> Camera:
+    """Return a camera with another readout time; its middle row is exposed at the same time, or so much `later`, s."""
+    offset = camera.time_offset + _middle(camera) * (readout_time - camera.readout_time) + later
+    return replace(camera, time_offset=offset, readout_time=readout_time, readout_sd=0.0)
 
 
 def _middle(camera: Camera) -> float:

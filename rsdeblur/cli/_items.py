@@ -103,24 +103,27 @@ def _places(paths: Iterable[Path]) -> set[tuple[int, ...]]:
 
 
 def _session(folder: Path, defaults: Recording, output: Path) -> Iterator[Item]:
+    """Return items of the photos in a folder of a logger and its subfolders."""
     files = rs.files_in(folder, without=output)
-    if defaults.start == "exif" or (defaults.capture is None and not rs.capture_files(files)):
+    gyro, photos = defaults.gyro or rs.gyro_log_in(folder, files), rs.photos_in(folder, files)
+    known = {"gyro": gyro, "camera": defaults.camera or rs.camera_in(files)}
+    capture = defaults.capture
+    if defaults.start != "exif" and capture is None:
+        capture = rs.capture_file_in([path for path in files if path != gyro])
+    if defaults.start == "exif" or capture is None:
         # The photos of a camera app, beside a log: their EXIF blocks give what is missing.
-        gyro, camera = defaults.gyro or rs.gyro_log_in(folder, files), defaults.camera or rs.camera_in(files)
         defaults = replace(defaults, start="exif")
-        for path in rs.photos_in(folder, files):
-            yield _item(path, result_name(path.relative_to(folder)), {"gyro": gyro, "camera": camera}, defaults)
+        for path in photos:
+            yield _item(path, result_name(path.relative_to(folder)), known, defaults)
         return
-    session = rs.open_session(
-        folder,
-        gyro=defaults.gyro,
-        capture=defaults.capture,
-        numbered_from=defaults.numbered_from,
-        without=output,
-        columns=rs.choice_for("capture file", defaults.columns),
-    )
-    known = {"gyro": session.gyro, "capture": session.capture, "camera": defaults.camera or session.camera}
-    yield from _numbered(session.photos, folder, known, defaults)
+    columns = rs.choice_for("capture file", defaults.columns)
+    matched = rs.indices_of(photos, capture, numbered_from=defaults.numbered_from, columns=columns)
+    if all(photo.error == rs.UNNUMBERED for photo in matched):
+        raise FileFormatError(
+            f"{folder}: the names of the {len(photos)} photos contain neither timestamps nor frame numbers, so their "
+            "exposures are unknown; list them in a manifest with the columns photo,index, or give --start exif"
+        )
+    yield from _numbered(matched, folder, {**known, "capture": capture}, defaults)
 
 
 def _named(photos: Sequence[Path], defaults: Recording) -> Iterator[Item]:

@@ -17,8 +17,7 @@ from PIL.ExifTags import Base
 from rsdeblur._util.validate import missing
 from rsdeblur.image.transfer import linear_profile
 from rsdeblur.io import _tiff
-from rsdeblur.io._metadata import Picture, of_info
-from rsdeblur.io.exif import with_orientation
+from rsdeblur.io.metadata import Picture, of_info, with_orientation
 from rsdeblur.io.source import Refused, is_untrusted_blocked
 
 # Brands of HEIC; those of AVIF, which is not read, begin files of the same kind.

@@ -22,7 +22,7 @@ from PIL import Image
 from PIL.ExifTags import Base
 
 from rsdeblur._util.binary import LONG, ORIENTATION, Tags, block_of, directory, tags_of
-from rsdeblur.io._metadata import C2PA, CLASSIC_BYTES, Picture
+from rsdeblur.io.metadata import C2PA, CLASSIC_BYTES, Picture
 from rsdeblur.io.source import Refused, check_trusted
 
 # tifffile logs every oddity of a damaged file; the faults that matter are raised.
@@ -87,26 +87,19 @@ def mapped(file: BinaryIO, size: int) -> Picture | None:
     check_trusted("TIFF", "tifffile")
     with tifffile.TiffFile(file) as tiff:
         page = first_page(tiff)
-        place = _place(page, size)
-        if place is None:
+        kind = tifffile.PHOTOMETRIC(page.photometric)
+        is_picture = all(page.shape) and (page.axes == "YX" or (page.axes == "YXS" and page.shape[2] in (2, 3, 4)))
+        # A memory map needs whole bytes in this machine's order.
+        is_whole = page.dtype in (np.uint8, np.uint16, np.float32) and page.bitspersample % 8 == 0
+        is_native = page.dtype == np.uint8 or tiff.byteorder == ("<" if sys.byteorder == "little" else ">")
+        is_plain = kind in (kind.MINISBLACK, kind.RGB) and not _is_premultiplied(page)
+        if not (page.is_memmappable and is_picture and is_whole and is_native and is_plain):
+            return None
+        offset = page.dataoffsets[0]
+        if offset + page.nbytes > size:
             return None
         with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-            return of_page(page, np.memmap(file, mode="r", **place), data)
-
-
-def _place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
-    """Return offset, dtype and shape of grey or RGB samples; None if the page must be decoded."""
-    kind = tifffile.PHOTOMETRIC(page.photometric)
-    is_picture = all(page.shape) and (page.axes == "YX" or (page.axes == "YXS" and page.shape[2] in (2, 3, 4)))
-    # A memory map needs whole bytes in this machine's order.
-    is_whole = page.dtype in (np.uint8, np.uint16, np.float32) and page.bitspersample % 8 == 0
-    is_native = page.dtype == np.uint8 or page.parent.byteorder == ("<" if sys.byteorder == "little" else ">")
-    if not (page.is_memmappable and is_picture and is_whole and is_native and kind in (kind.MINISBLACK, kind.RGB)):
-        return None
-    offset = page.dataoffsets[0]
-    if _is_premultiplied(page) or offset + page.nbytes > file_size:
-        return None
-    return {"offset": offset, "dtype": page.dtype, "shape": page.shape}
+            return of_page(page, np.memmap(file, page.dtype, "r", offset, page.shape), data)
 
 
 def _is_premultiplied(page: tifffile.TiffPage) -> bool:

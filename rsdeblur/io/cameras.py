@@ -22,10 +22,10 @@ from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io import gyroflow, kalibr
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished
 from rsdeblur.io.columns import Cell
-from rsdeblur.io.exif import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.gyro_binary import is_video
 from rsdeblur.io.gyro_logs import open_gyro
 from rsdeblur.io.gyroflow import is_gcsv
+from rsdeblur.io.metadata import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.pictures import is_picture, read_header
 from rsdeblur.io.source import Format, Source, choose
 from rsdeblur.io.text import TextFile, cells_of, is_number
@@ -198,8 +198,6 @@ def _sniff_mars(source: Source) -> bool:
 
 
 def _read_mars(source: Source, request: Request) -> CameraFile:
-    if not _sniff_mars(source):
-        raise source.error("not MARS logger's metadata: no line names the columns fx[px] and fy[px]")
     facts = mars_facts(source.text)
     # The principal point is near the middle.
     middle = facts.pop("cx_px", None), facts.pop("cy_px", None)

@@ -7,13 +7,14 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from rsdeblur.errors import InputError
 from rsdeblur.io.columns import TIME_UNITS, Cell, Columns, Quantity, chosen_columns, named_columns
-from rsdeblur.io.exif import Exif
 from rsdeblur.io.gyro_binary import trailer_of
+from rsdeblur.io.metadata import Exif
 from rsdeblur.io.pictures import read_header
 from rsdeblur.io.source import Format, Source, choose, text_format
 from rsdeblur.io.text import Rows, Table, TextFile, cells_of, is_number, read_table
@@ -188,20 +189,18 @@ def _beside_pictures(text: TextFile) -> Columns | None:
 
 def _table(name: str, title: str, columns_of: Callable[[TextFile], Columns | None]) -> Format[CaptureFile]:
     """Return the format of tables in which `columns_of` finds timestamps."""
-    return text_format(
-        name,
-        title,
-        lambda text: columns_of(text) is not None,
-        lambda text: _read(name, text, columns_of(text) or Columns((0,))),
-    )
+
+    def read(text: TextFile) -> CaptureFile:
+        columns = columns_of(text)
+        assert columns is not None  # or `sniff` refuses
+        return _read(name, text, columns)
+
+    return text_format(name, title, lambda text: columns_of(text) is not None, read)
 
 
 def _read_trailer(source: Source) -> CaptureFile:
-    trailer = trailer_of(source)
-    if trailer is None:
-        raise source.error("not a JPEG with a GYRODATA trailer")
     exposure = Exif(read_header(source.path)[2]).exposure
-    return CaptureFile("gyrodata", [int(trailer["capture_ns"])], [exposure])
+    return CaptureFile("gyrodata", [int(trailer_of(source)["capture_ns"])], [exposure])
 
 
 FORMATS: tuple[Format[CaptureFile], ...] = (
@@ -219,43 +218,21 @@ FORMATS: tuple[Format[CaptureFile], ...] = (
 CLOCK_SOURCE = re.compile(r"SENSOR_INFO_TIMESTAMP_SOURCE is (?:SENSOR_INFO_TIMESTAMP_SOURCE_)?(REALTIME|UNKNOWN)")
 
 
-@dataclass(frozen=True, slots=True)
-class Clocks:
-    """Clocks of a session, from its `edge_epochs.txt`."""
-
-    source: str  # Android's name for the clock of the camera's timestamps: REALTIME is the gyro's clock, or UNKNOWN
-    differences: tuple[int, ...]  # the gyro's clock minus `nanoTime()`, ns, at the session's start and end
-
-    @property
-    def time_offset(self) -> float:
-        """Camera time minus gyro time in s: 0 for one clock, else as if the camera's clock were `nanoTime()`."""
-        if self.source == "REALTIME":
-            return 0.0
-        return 0.0 - sum(self.differences) / len(self.differences) / 1e9
-
-
-def is_clocks(source: Source) -> bool:
-    """Whether the file is an `edge_epochs.txt`."""
-    return CLOCK_SOURCE.search(source.head.decode("latin-1")) is not None
-
-
-def read_clocks(path: str | os.PathLike[str]) -> Clocks:
-    """Read the `edge_epochs.txt` of a MARS logger session.
+def clock_facts(source: Source) -> dict[str, Any] | None:
+    """Return the clocks of a MARS logger session from its `edge_epochs.txt`; None for other files.
 
     A `FileFormatError` names the line whose numbers contradict each other, or from which on the clocks drift apart.
     """
-    source = Source(path, "file of clocks")
-    text = source.text
-    match = CLOCK_SOURCE.search(text.start)
+    match = CLOCK_SOURCE.search(source.head.decode("latin-1"))
     if match is None:
-        raise source.error("not an edge_epochs.txt: it does not contain Android's SENSOR_INFO_TIMESTAMP_SOURCE")
-    differences: list[int] = []
+        return None
+    text, differences = source.text, list[int]()
     for row in text.rows:
         cells = cells_of(text.lines[row])
         if len(cells) != 3 or not all(re.fullmatch(r"-?\d+", cell) for cell in cells):
             raise text.error("expected three whole numbers of ns: both clocks and their difference", row)
         boot, nano, difference = map(int, cells)
-        if boot - nano != difference and nano - boot != difference:
+        if abs(boot - nano) != abs(difference):
             raise text.error(f"{difference} ns is not the difference of the clocks {boot} and {nano}", row)
         differences.append(boot - nano)
         # CLOCK_MONOTONIC and CLOCK_BOOTTIME differ by the time that a phone slept; the rest is a drift below 1 ms.
@@ -263,4 +240,11 @@ def read_clocks(path: str | os.PathLike[str]) -> Clocks:
             raise text.error(
                 "the clocks drift apart during the session: the phone slept, so no single offset fits", row
             )
-    return Clocks(match[1], tuple(differences))
+    # Camera time minus gyro time: 0 for one clock, else as if the camera's clock were `nanoTime()`.
+    offset = 0.0 if match[1] == "REALTIME" else 0.0 - sum(differences) / len(differences) / 1e9
+    return {
+        "kind": "clocks of a session",
+        "camera_clock": match[1],
+        "differences_ns": differences,
+        "time_offset_s": offset,
+    }

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -37,14 +36,12 @@ TRAILER = np.dtype(
 
 def trailer_of(source: Source) -> Any:
     """Return the GYRODATA trailer of a JPEG as a `TRAILER`; None if the file has none."""
-    end = source.tail(TRAILER.itemsize) if source.head.startswith(b"\xff\xd8") else b""
+    end = source.data[-TRAILER.itemsize :] if source.head.startswith(b"\xff\xd8") else b""
     return np.frombuffer(end, TRAILER)[0] if len(end) == TRAILER.itemsize and end.startswith(b"GYRODATA\0") else None
 
 
 def _read_trailer(source: Source) -> Samples:
     trailer = trailer_of(source)
-    if trailer is None:
-        raise source.error("not a JPEG with a GYRODATA trailer")
     total, oldest, room = int(trailer["total"]), int(trailer["oldest"]), len(trailer["ring"])
     if not 0 < total <= room or oldest > total:
         raise source.error(
@@ -72,22 +69,6 @@ def is_video(source: Source) -> bool:
     return head[4:8] in (b"moov", b"mdat", b"wide", b"skip", b"free") or head[4:6] == b"RE"
 
 
-@contextlib.contextmanager
-def _silence() -> Iterator[None]:
-    """Keep the messages of the parser's native code about unusual files off the terminal."""
-    sys.stdout.flush()
-    saved = [(stream, os.dup(stream)) for stream in (1, 2)]
-    try:
-        with open(os.devnull, "w") as nowhere:
-            for stream, _ in saved:
-                os.dup2(nowhere.fileno(), stream)
-        yield
-    finally:
-        for stream, copy in saved:
-            os.dup2(copy, stream)
-            os.close(copy)
-
-
 Blocks = list[Mapping[str, Any]]
 
 
@@ -106,10 +87,8 @@ def telemetry_of(source: Source) -> tuple[str, Blocks, Blocks]:
     except ValueError as error:
         raise source.error(f"the video is damaged: {error}") from None
     try:
-        with _silence():
-            parser = telemetry_parser.Parser(str(source.path))
-            blocks = parser.telemetry(human_readable=False)
-            samples = parser.normalized_imu()
+        parser = telemetry_parser.Parser(str(source.path))
+        blocks, samples = parser.telemetry(human_readable=False), parser.normalized_imu()
     except (OSError, ValueError, RuntimeError) as error:
         raise source.error(
             f"the video contains no gyro data that telemetry-parser can read: {error}; phones write none into their "

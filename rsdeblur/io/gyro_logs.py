@@ -20,9 +20,8 @@ from rsdeblur.io.gyro_tables import FACTS
 from rsdeblur.io.samples import ACCELEROMETER, GYRO, AnySensor, GyroFile, Samples, finish
 from rsdeblur.io.source import Format, Source, choose, members_of
 from rsdeblur.io.text import cells_of, is_number, line_error
-from rsdeblur.motion.acceleration import AccelerationLog
 from rsdeblur.motion.axes import orientation as orientation_matrix
-from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.gyro import AccelerationLog, GyroLog
 
 FAMILIES = (gyro_binary.formats, gyroflow.formats, gyro_tables.formats)
 
@@ -186,12 +185,22 @@ def _choose(
     order = partial(_order, sensor=sensor)
     members = members_of(Source(path, sensor.what), order)
     facts = _facts_beside(members)
-    tried = known if format is None else (choose(known, members[0], format),)
+    tried = [each for each in known if format in (None, each.name)]
     # In their order, so that large files of other sensors are not parsed beside the log.
-    for _, group in groupby(members, lambda member: order(member.path.name)[:2]):
-        if fitting := [member for member in group if any(each.fits(member) for each in tried)]:
-            member = fitting[0] if len(fitting) == 1 else _only(Path(path), fitting, sensor)
-            return choose(known, member, format), member, facts
+    for _, group in groupby(members, lambda member: order(member.path.name)):
+        fitting = [member for member in group if any(each.fits(member) for each in tried)]
+        # Many tables fit these formats; the file of an app comes first.
+        apps = [each for each in tried if each.name not in ("plain", "unstamped")]
+        likely = [member for member in fitting if any(each.fits(member) for each in apps)] or fitting
+        if len(likely) > 1:
+            first, second = (each.path.relative_to(path).as_posix() for each in likely[:2])
+            raise line_error(
+                Path(path),
+                f"the archive contains more than one {sensor.what}, {first} and {second}; extract the one of your "
+                "photo or video, and give that",
+            )
+        if likely:
+            return choose(known, likely[0], format), likely[0], facts
     if columns is not None:
         return known[0], members[0], facts
     if sensor is GYRO and (other := gyro_binary.other_log(members[0])) is not None:
@@ -199,12 +208,12 @@ def _choose(
     return choose(known, members[0], format, quantity=sensor.quantity), members[0], facts
 
 
-def _order(name: str, sensor: AnySensor) -> tuple[bool, bool, str]:
+def _order(name: str, sensor: AnySensor) -> tuple[bool, bool | str, bool]:
     """Sort key of file names: first a gyro without its bias, or an accelerometer with gravity, last other sensors."""
     stem = Path(name).stem.lower()
     if sensor is GYRO:
-        return "gyro" not in stem, "uncalibrated" in stem, name
-    return "totalacc" not in stem, "acc" not in stem, name
+        return "gyro" not in stem, gyro_tables.names_other_sensor(stem), "uncalibrated" in stem
+    return "totalacc" not in stem, stem if "acc" in stem else "~", False
 
 
 def _facts_beside(members: list[Source]) -> dict[str, Any]:
@@ -238,22 +247,3 @@ def _with_pauses(samples: Samples, pauses: list[tuple[float, float]]) -> Samples
         ns[samples.ns >= round(at * 1e9)] += round(length * 1e9)
         cautions.append(f"the recording was paused at {at:.6g} s for {length:.3f} s; the log has a gap there")
     return replace(samples, ns=ns, cautions=cautions)
-
-
-def _only(archive: Path, members: list[Source], sensor: AnySensor) -> Source:
-    """Return the only log among members whose names say equally much; raise `FileFormatError` if two may be it."""
-    if sensor is GYRO:
-        likely = [each for each in members if not gyro_tables.names_other_sensor(each.path.stem)] or members[:1]
-        # Many tables fit these formats; the file of an app comes first.
-        apps = [each for each in formats(GYRO) if each.name not in ("plain", "unstamped")]
-        logs = [each for each in likely if any(app.fits(each) for app in apps)] or likely
-    else:
-        logs = [each for each in members if each.path.name == members[0].path.name]
-    if len(logs) > 1:
-        first, second = (each.path.relative_to(archive).as_posix() for each in logs[:2])
-        raise line_error(
-            archive,
-            f"the archive contains more than one {sensor.what}, {first} and {second}; extract the one of your photo or "
-            "video, and give that",
-        )
-    return logs[0]

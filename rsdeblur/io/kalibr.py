@@ -207,9 +207,7 @@ def sniff_dso(source: Source) -> bool:
 
 def read_dso(source: Source, request: Request) -> CameraFile:
     """Read the camera of the pictures before DSO rectifies them."""
-    if (match := DSO.match(source.text.start)) is None:
-        raise source.error("not DSO's camera.txt: fx fy cx cy and the distortion, then the size, then crop or full")
-    name, lens_text, *size, _ = match.groups()
+    name, lens_text, *size, _ = DSO.findall(source.text.start)[0]
     with source.parsing("the camera"):
         width, height, fx, fy, cx, cy, *k = map(float, (*size, *lens_text.split()))
         if max(cx, cy) < 1:

@@ -25,7 +25,7 @@ from rsdeblur._util.files import checked_path
 from rsdeblur.errors import InputError, OutputError, RsdeblurWarning
 from rsdeblur.image.transfer import quantised
 from rsdeblur.io import _tiff
-from rsdeblur.io._metadata import PNG_IPTC, Picture, png_iptc, renewed
+from rsdeblur.io.metadata import Picture, renewed
 from rsdeblur.io.pictures import DAMAGE
 
 KINDS = {
@@ -57,7 +57,8 @@ def write_picture(
         files, and refused if most are far beyond 1, as of a picture from 0 to 255. C is 2 (grey and alpha), 3 or 4.
     like : Picture, optional
         Source of the bit depth (or the next lower one that the format has), of EXIF, XMP and IPTC, of the file's time,
-        and of the colour profile if it fits the number of channels. Sizes and thumbnail in the EXIF block are renewed.
+        and of the colour profile if it fits the number of channels. In the EXIF block, sizes are renewed, and the
+        thumbnail is removed.
     force : bool, default False
         Replace an existing file.
     bits : {8, 16, 32}, optional
@@ -76,8 +77,8 @@ def write_picture(
     -----
     RsdeblurWarning
         If `like` has parts that the file does not keep: gain maps, motion photos, C2PA manifests, the XMP packets that
-        describe them, blocks too long for JPEG, and those that WebP, TIFF or NumPy files cannot hold. Or if the disk
-        refuses the file's time.
+        describe them, blocks too long for JPEG, and those that PNG, WebP, TIFF or NumPy files cannot hold. Or if the
+        disk refuses the file's time.
 
     Examples
     --------
@@ -127,7 +128,7 @@ def picture_to_fill(
         write_picture(path, pixels, like=like, force=force)
         return
     with atomic_write(path) as file:
-        picture = renewed(like, np.broadcast_to(like.pixels.dtype.type(0), shape), kind, is_done=False)
+        picture = renewed(like, np.broadcast_to(like.pixels.dtype.type(0), shape), kind)
         dtype = picture.pixels.dtype
         if kind == "NumPy":
             samples = np.lib.format.open_memmap(file.name, "w+", dtype, shape)
@@ -225,8 +226,6 @@ def _encode_png(picture: Picture) -> bytes:
         extra += _png_chunk(b"eXIf", picture.exif.removeprefix(PREFIX))
     if picture.xmp:
         extra += _png_chunk(b"iTXt", b"XML:com.adobe.xmp" + bytes(5) + picture.xmp)
-    if picture.iptc:
-        extra += _png_chunk(b"zTXt", PNG_IPTC.encode() + bytes(2) + zlib.compress(png_iptc(picture.iptc)))
     header = 33  # bytes of the magic number and IHDR; colour profile and metadata may follow
     return data[:header] + extra + data[header:]
 

@@ -16,8 +16,7 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io.columns import ACCELERATION, RATE, TIME_UNITS, Quantity
 from rsdeblur.io.text import INT64_LIMIT, Table, line_error
-from rsdeblur.motion.acceleration import AccelerationLog
-from rsdeblur.motion.gyro import LARGEST_RATE, SUSPICIOUS_MEDIAN, SUSPICIOUS_PEAK, GyroLog
+from rsdeblur.motion.gyro import LARGEST, SUSPICIOUS_MEDIAN, SUSPICIOUS_PEAK, AccelerationLog, GyroLog
 from rsdeblur.motion.units import FASTEST, SLOWEST, saturated, shows_degrees
 from rsdeblur.types import FloatArray
 
@@ -222,7 +221,7 @@ def _check_values(samples: Samples, what: str, unit: str, error: Error) -> None:
     values = samples.values
     if not len(values):
         raise error("the file contains no samples")
-    (bad,) = np.nonzero(~(np.abs(values) <= LARGEST_RATE).all(axis=1))
+    (bad,) = np.nonzero(~(np.abs(values) <= LARGEST).all(axis=1))
     if bad.size:
         i = int(bad[0])
         raise samples.error_at(f"impossible {what}: {values[i].tolist()} {unit}; is the unit right?", i)

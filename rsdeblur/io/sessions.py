@@ -15,7 +15,7 @@ import numpy as np
 
 from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io.captures import CaptureFile, open_captures
+from rsdeblur.io.captures import open_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.picture_output import KINDS
 from rsdeblur.io.source import DAMAGE, unpacked_limit
@@ -31,48 +31,6 @@ class SessionPhoto:
     path: Path
     index: int | None
     error: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Session:
-    """Files of a logger's folder: log, exposures or their timestamps, the only camera file, photos sorted by name."""
-
-    gyro: Path
-    capture: Path
-    camera: Path | None
-    photos: list[SessionPhoto]
-
-
-def open_session(
-    folder: str | os.PathLike[str],
-    *,
-    gyro: Path | None = None,
-    capture: Path | None = None,
-    numbered_from: int | None = None,
-    without: Path | None = None,
-    columns: str | None = None,
-) -> Session:
-    """Find log, captures, camera and photos in a folder of MARS logger, OpenCamera Sensors or DeepGyro.
-
-    Photos are in the folder or in its subfolders. A name that ends in a timestamp in ns, as OpenCamera Sensors writes
-    it, selects the nearest capture. A name that ends in a frame number selects that line of the list of encoded frames
-    (MARS logger's ``frame_timestamps.txt``) if there is one, else of the captures.
-    """
-    folder = Path(folder)
-    files = files_in(folder, without=without)
-    gyro = gyro or gyro_log_in(folder, files)
-    if capture is None:
-        capture, file = _captures(folder, [path for path in files if path != gyro])
-    else:
-        file = open_captures(capture, columns)
-    photos = photos_in(folder, files)
-    matched = _matched(photos, capture, file.timestamps, numbered_from)
-    if all(photo.error == UNNUMBERED for photo in matched):
-        raise FileFormatError(
-            f"{folder}: the names of the {len(photos)} photos contain neither timestamps nor frame numbers, so their "
-            "exposures are unknown; list them in a manifest with the columns photo,index, or give --start exif"
-        )
-    return Session(gyro, capture, camera_in(files), matched)
 
 
 def unpacked(archive: Path, folder: Path) -> Path:
@@ -146,24 +104,14 @@ def _tables(files: list[Path]) -> list[Path]:
     return [path for path in files if path.suffix.lower() in (".csv", ".txt")]
 
 
-def _captures(folder: Path, files: list[Path]) -> tuple[Path, CaptureFile]:
-    candidates = capture_files(files)
-    if not candidates:
-        raise FileFormatError(
-            f"{folder}: no capture file in the folder (movie_metadata.csv, ..._timestamps.csv or images.txt); "
-            "give --capture, or for the photos of a camera app: rsdeblur batch --start exif"
-        )
-    # First a file with all exposure times, then one named after its timestamps: flashes are logged like frames.
-    return min(candidates, key=lambda pair: (None in pair[1].durations, "timestamps" not in pair[0].name.lower()))
-
-
-def capture_files(files: list[Path]) -> list[tuple[Path, CaptureFile]]:
-    """Return the capture files among the files of a folder."""
+def capture_file_in(files: list[Path]) -> Path | None:
+    """Return the likeliest capture file among the files of a folder; None if there is none."""
     found = []
     for path in _tables(files):
         with suppress(FileFormatError):
-            found.append((path, open_captures(path)))
-    return found
+            # First a file with all exposure times, then one named after its timestamps: flashes are logged like frames.
+            found.append((None in open_captures(path).durations, "timestamps" not in path.name.lower(), path))
+    return min(found)[2] if found else None
 
 
 def encoded_timestamps(capture: Path) -> list[int] | None:
@@ -186,11 +134,13 @@ def nearest_captures(timestamps: list[int], times: Iterable[int]) -> list[int]:
 def indices_of(
     photos: list[Path], capture: Path, *, numbered_from: int | None = None, columns: str | None = None
 ) -> list[SessionPhoto]:
-    """Return the exposure of each photo in a capture file, by the timestamps or frame numbers in the photos' names."""
-    return _matched(photos, capture, open_captures(capture, columns).timestamps, numbered_from)
+    """Return the exposure of each photo in a capture file, by the timestamps or frame numbers in the photos' names.
 
-
-def _matched(photos: list[Path], capture: Path, timestamps: list[int], numbered_from: int | None) -> list[SessionPhoto]:
+    A name that ends in a timestamp in ns, as OpenCamera Sensors writes it, selects the nearest capture. A name that
+    ends in a frame number selects that line of the list of encoded frames (MARS logger's ``frame_timestamps.txt``) if
+    there is one, else of the captures.
+    """
+    timestamps = open_captures(capture, columns).timestamps
     frames = encoded_timestamps(capture) or timestamps
     numbers = {path: int(digits[-1]) for path in photos if (digits := re.findall(r"\d+", path.stem))}
     # A smaller number is a frame number, a larger one a timestamp in ns.

@@ -14,7 +14,7 @@ from io import BytesIO
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from rsdeblur._util import validate
-from rsdeblur._util.files import checked_path, open_file, read_file
+from rsdeblur._util.files import checked_path, read_file
 from rsdeblur._util.once import once
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.columns import RATE, Quantity, guessed_option, is_table, listed, named_columns
@@ -62,26 +62,13 @@ class Source:
 
     def __init__(self, path: str | os.PathLike[str], what: str, content: bytes | None = None) -> None:
         self.path, self.what, self._content = checked_path(path), what, content
-        self.head = self._read(0, HEAD)
-
-    def _read(self, start: int, size: int = -1) -> bytes:
-        if self._content is not None:
-            return self._content[start:][: size if size >= 0 else None]
-        return read_file(self.path, self.what, start, size)
-
-    def tail(self, size: int) -> bytes:
-        """Return the last `size` bytes, or all bytes of a shorter file."""
-        if self._content is not None:
-            return self._content[-size:]
-        with open_file(self.path, self.what) as file:
-            whole = os.fstat(file.fileno()).st_size
-        return self._read(max(whole - size, 0))
+        self.head = read_file(self.path, what, size=HEAD) if content is None else content[:HEAD]
 
     @property
     @once
     def data(self) -> bytes:
         """The whole content."""
-        return self._read(0)
+        return read_file(self.path, self.what) if self._content is None else self._content
 
     @property
     def text(self) -> TextFile:
@@ -143,7 +130,7 @@ T = TypeVar("T")
 class Format(Generic[T]):
     """One file format: its name, by which users choose it, its title for messages, and how it is found and read.
 
-    `sniff` returns whether the content looks like this format. It reads the start (or the end) only and raises nothing
+    `sniff` returns whether the content looks like this format. Mostly, it reads the start only, and it raises nothing
     but `FileFormatError`, which means no. `read` reads the file, with the user's choices in further arguments, or
     raises `FileFormatError`.
     """
@@ -163,9 +150,7 @@ class Format(Generic[T]):
 
 def text_format(name: str, title: str, sniff: Callable[[TextFile], bool], read: Callable[[TextFile], T]) -> Format[T]:
     """Return a format whose files are lines of text."""
-    return Format(
-        name, title, lambda source: source.looks_like_text and sniff(source.text), lambda source: read(source.text)
-    )
+    return Format(name, title, lambda source: sniff(source.text), lambda source: read(source.text))
 
 
 class Kind(NamedTuple):
@@ -195,17 +180,19 @@ def mistaken(source: Source) -> FileFormatError | None:
 def choose(
     formats: Sequence[Format[T]], source: Source, name: str | None = None, *, quantity: Quantity | None = None
 ) -> Format[T]:
-    """Return the format called `name`; without a name, the first whose `sniff` accepts the content.
+    """Return the format called `name` or, without a name, the first one; its `sniff` must accept the content.
 
     The error for an unknown table lists its columns, and prints the option that names those of `quantity`.
     """
     known = "; ".join(f"{each.name} ({each.title})" for each in formats)
     if name is not None:
         validate.instance("format", name, str)
-        for each in formats:
-            if each.name == name:
-                return each
-        raise source.error(f"there is no {source.what} format {name!r}; known formats: {known}")
+        named = next((each for each in formats if each.name == name), None)
+        if named is None:
+            raise source.error(f"there is no {source.what} format {name!r}; known formats: {known}")
+        if not named.sniff(source):
+            raise source.error(f"not in the format {name}: {named.title}")
+        return named
     for each in formats:
         if each.fits(source):
             return each
@@ -225,7 +212,7 @@ def is_archive(source: Source) -> bool:
     return source.head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
 
 
-def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]]) -> list[Source]:
+def members_of(source: Source, order: Callable[[str], Any]) -> list[Source]:
     """Return the text files of a zip archive, in the order of this key; any other file is returned alone."""
     if not is_archive(source):
         return [source]
@@ -243,7 +230,7 @@ def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]]) -
                     f"the archive claims to contain {size} bytes of text, the limit is {limit}; "
                     "extract it and give the gyro's file"
                 )
-            entries.sort(key=lambda entry: order(entry.filename))
+            entries.sort(key=lambda entry: (order(entry.filename), entry.filename))
             members = [_member(source, archive, entry) for entry in entries]
     except FileFormatError:
         raise

@@ -20,7 +20,7 @@ from rsdeblur.io.columns import (
 from rsdeblur.io.samples import ordered, table_samples
 from rsdeblur.io.source import Format, Source, choose, text_format
 from rsdeblur.io.text import TextFile, line_error, read_table
-from rsdeblur.motion.trajectory import Trajectory
+from rsdeblur.motion.translation import Trajectory
 from rsdeblur.motion.units import LENGTH_SPELLINGS, dated_unit
 
 WHAT = "trajectory"

@@ -1,8 +1,8 @@
-"""Frames of one scene referred to one of them: where each shows what the reference shows, and its blur there.
+"""Frames of one scene referred to one of them, and pictures resampled to one time.
 
-The latent picture u is the sharp rolling-shutter picture of the reference frame. Another frame is resampled, so that
-its pixel p comes to the place x of the reference at which u shows what p sees at its own mid-exposure. The resampled
-frame is `g(x) = mean_t u(q(t))` with
+The latent picture u of several frames is the sharp rolling-shutter picture of the reference frame. Another frame is
+resampled, so that its pixel p comes to the place x of the reference at which u shows what p sees at its own
+mid-exposure. The resampled frame is `g(x) = mean_t u(q(t))` with
 
     q = K C_r(mid(q_y)) C(t)^T K^-1 p(x),
 
@@ -16,8 +16,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rsdeblur._util.threads import share
 from rsdeblur.choices import Motion
+from rsdeblur.kernels.resample import sample, to_spline
 from rsdeblur.motion.arguments import check_traceable
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
@@ -146,3 +149,48 @@ def _project(capture: Capture, world: FloatArray, guess: FloatArray, steps: int)
     for _ in range(steps if capture.camera.readout_time > 0 else 1):
         pixels = capture.row_poses.project(world, pixels[..., 1])
     return pixels
+
+
+def rectify(
+    image: NDArray[np.float32], capture: Capture, *, threads: int | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return a sharp rolling-shutter picture resampled to one time, the mid-exposure of the middle row.
+
+    Output pixel p shows the direction `C(ref)^T K^-1 p`; the rolling-shutter picture shows that direction at
+    `q = K C(mid(q_y)) C(ref)^T K^-1 p`, a fixed point in q_y. Values at q come from interpolation by quintic splines.
+
+    Parameters
+    ----------
+    image : ndarray, shape (H, W, C), float32
+        Picture in which each row shows the scene at its own mid-exposure.
+    capture : Capture
+        The exposure and the motion of the camera during it.
+    threads : int, optional
+        Number of threads that share the work; default all processors. Any number gives the same bits.
+
+    Returns
+    -------
+    image : ndarray, shape (H, W, C), float32
+        The resampled picture. Pixels that were never exposed repeat the nearest border pixel.
+    coverage : ndarray, shape (H, W), bool
+        Whether some row was exposed to the scene at this pixel.
+    """
+    height, width, _ = image.shape
+    spline = image.copy()
+    to_spline(spline, threads)
+    out = np.empty_like(image)
+    orientation = capture.track.at(capture.middle)
+    coverage = np.empty((height, width), dtype=np.bool_)
+
+    def part(_: int, top: int) -> None:
+        rows = slice(top, min(top + ROWS_TOGETHER, height))
+        points = np.stack(np.meshgrid(np.arange(width), np.arange(rows.start, rows.stop)), axis=-1).astype(np.float64)
+        world = capture.points(points) @ orientation + capture.position(capture.middle)
+        x, y = np.moveaxis(_project(capture, world, points, FIXED_POINT_STEPS), -1, 0)
+        coverage[rows] = (x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5)
+        # The mirrored spline is exact at the border pixels, which are repeated beyond the picture.
+        across, down = x.clip(0, width - 1).astype(np.float32), y.clip(0, height - 1).astype(np.float32)
+        out[rows] = sample(spline, across, down, threads=1)
+
+    share(part, range(0, height, ROWS_TOGETHER), threads)
+    return out, coverage

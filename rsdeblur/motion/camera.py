@@ -37,11 +37,6 @@ TIMESTAMP_SHARES: dict[TimestampMarks, float] = {"start": 0.0, "middle": 0.5, "e
 # Readout time of a camera that does not state it, and its standard deviation, s: phones' (docs/readout-times.md).
 UNKNOWN_READOUT: dict[str, Any] = {"readout_time": 20e-3, "readout_sd": 10e-3}
 
-# Former keys of camera files, which are still read.
-FORMER_KEYS = {
-    "focal": "focal_length", "principal": "principal_point", "readout": "readout_time", "stamp": "timestamp_marks",
-}  # fmt: skip
-
 
 @one_line()
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -191,17 +186,6 @@ class Camera:
         rows = validate.array("rows", rows)
         return self.lines - 1 - rows if backwards else rows
 
-    def timestamp_delay(self, duration: float) -> float:
-        """Return the time in s from the first row's start of exposure to the moment that the timestamp marks.
-
-        Parameters
-        ----------
-        duration : float
-            Exposure time of every row in s.
-        """
-        duration = validate.finite("duration", duration)
-        return TIMESTAMP_SHARES[self.timestamp_marks] * (self.readout_time * (self.lines - 1) / self.lines + duration)
-
     def rays(self, points: ArrayLike) -> FloatArray:
         """Return the viewing directions of pixels.
 
@@ -304,26 +288,6 @@ class Camera:
         return replace(
             self, width=width, height=height, focal_length=(fx * sx, fy * sy), principal_point=principal_point
         )
-
-    def delayed(self, dt: float) -> Camera:
-        """Return the camera with another time offset.
-
-        Parameters
-        ----------
-        dt : float
-            Seconds added to `time_offset`.
-
-        Returns
-        -------
-        Camera
-            The same camera, whose clock shows `dt` more for the same gyro time.
-
-        Raises
-        ------
-        InputError
-            If `dt` is not finite.
-        """
-        return replace(self, time_offset=self.time_offset + validate.finite("dt", dt))
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
         """Return the camera of a part of the picture.
@@ -438,11 +402,6 @@ class Camera:
         FileFormatError
             If the file cannot be read, is not TOML, lacks `width`, `height` or `focal_length`, has an unknown key, or
             a value is out of its range.
-
-        Warns
-        -----
-        RsdeblurWarning
-            If a key has a former name, such as `focal` for `focal_length`.
         """
         path = checked_path(path)
         try:
@@ -453,10 +412,6 @@ class Camera:
         except (ValueError, RecursionError) as error:
             raise FileFormatError(f"{path}: not a TOML camera file: {error}") from error
         known = [f.name for f in fields(cls)]
-        for old, new in FORMER_KEYS.items():
-            if old in table and new not in table:
-                table[new] = table.pop(old)
-                warnings.warn(f"{path}: {old!r} is now called {new!r}; rename it", RsdeblurWarning, stacklevel=2)
         for key in table:
             if key not in known:
                 close = get_close_matches(key, known, n=1)

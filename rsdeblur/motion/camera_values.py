@@ -71,9 +71,7 @@ def rotation(value: ArrayLike | str) -> FloatArray:
         raise InputError(
             f"imu_to_camera must be a rotation: its rows must be perpendicular unit vectors, got {matrix.tolist()}"
         )
-    x, y, z = matrix.tolist()
-    # The triple product: the cross product of the first two rows is the third one, or its opposite.
-    if z[0] * (x[1] * y[2] - x[2] * y[1]) + z[1] * (x[2] * y[0] - x[0] * y[2]) + z[2] * (x[0] * y[1] - x[1] * y[0]) < 0:
+    if np.linalg.det(matrix) < 0:
         raise InputError(
             "imu_to_camera has determinant -1: it mirrors the axes instead of turning them, and rates, being "
             "right-handed, would change sign. An exchange of two axes needs one more sign: turn the sign of the row "

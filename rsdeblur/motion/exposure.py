@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
-from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.camera import TIMESTAMP_SHARES, Camera
 from rsdeblur.types import FloatArray
 
 
@@ -49,25 +49,6 @@ class Exposure:
         object.__setattr__(self, "duration", validate.time("duration", self.duration, above=0.0))
         object.__setattr__(self, "epoch_ns", validate.nanoseconds("epoch_ns", self.epoch_ns))
 
-    def shifted(self, dt: float) -> Exposure:
-        """Return the exposure at another time.
-
-        Parameters
-        ----------
-        dt : float
-            Seconds added to `start`.
-
-        Returns
-        -------
-        Exposure
-
-        Raises
-        ------
-        InputError
-            If `dt` is not finite.
-        """
-        return replace(self, start=self.start + validate.finite("dt", dt))
-
     def window(self, rows: ArrayLike, camera: Camera) -> tuple[FloatArray, FloatArray]:
         """Return the times at which the exposure of each row starts and ends.
 
@@ -93,7 +74,9 @@ class Exposure:
         """
         validate.instance("camera", camera, Camera)
         order = camera.reading_order(validate.real_array("rows", rows))
-        first = self.start - camera.timestamp_delay(self.duration)
+        # From the first row's start of exposure to the moment that the timestamp marks.
+        whole = camera.readout_time * (camera.lines - 1) / camera.lines + self.duration
+        first = self.start - TIMESTAMP_SHARES[camera.timestamp_marks] * whole
         opens: FloatArray = first + camera.readout_time * order / camera.lines
         return opens, opens + self.duration
 

@@ -87,31 +87,17 @@ def _fisheye(theta: FloatArray | np.float64, k: tuple[float, ...]) -> tuple[Floa
 
 def _straightened(bent: FloatArray, k: tuple[float, ...]) -> FloatArray:
     """Return theta for values `bent` of theta_d; NaN where the lens has no image."""
-    theta = np.minimum(bent, np.pi / 2)
+    # Newton's method begins nearly right: theta_d increases, see `_fisheye`.
+    table = np.linspace(0.0, np.pi, 4096)
+    theta = np.interp(bent, _fisheye(table, k)[0], table)
     for _ in range(STEPS):
         value, slope = _fisheye(theta, k)
         step = (value - bent) / slope
         theta = theta - step
         if np.abs(step).max(initial=0.0) < TOLERANCE:
             break
-    wrong = ~(np.abs(_fisheye(theta, k)[0] - bent) <= 1e-9)
-    if wrong.any():
-        theta = np.where(wrong, _bisected(bent, k), theta)
-        wrong = ~(np.abs(_fisheye(theta, k)[0] - bent) <= 1e-9)
-    return np.where(wrong | (theta < 0) | (theta > np.pi), np.nan, theta)
-
-
-def _bisected(bent: FloatArray, k: tuple[float, ...]) -> FloatArray:
-    """Return theta from 0 to 180 degrees by bisection, which also ends where Newton's method swings to and fro.
-
-    It relies on theta_d's increase, see `_fisheye`.
-    """
-    low, high = np.zeros_like(bent), np.full_like(bent, np.pi)
-    for _ in range(54):  # halvings of 180 degrees leave less than float64 resolves
-        middle = 0.5 * (low + high)
-        above = _fisheye(middle, k)[0] > bent
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
-    return 0.5 * (low + high)
+    right = (np.abs(_fisheye(theta, k)[0] - bent) <= 1e-9) & (theta >= 0) & (theta <= np.pi)
+    return np.where(right, theta, np.nan)
 
 
 def _radtan(plane: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:

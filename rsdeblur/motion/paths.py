@@ -406,36 +406,26 @@ class BlurPaths:
         displacements.setflags(write=False)
         return cls(displacements, rows, parts[0].cols, capture.softness)
 
-    @property
-    def change_down(self) -> float:
-        """Largest change of the path from row to row, in px per height of the evenly spaced grid.
+    def largest_derivative(self, order: int, axis: int) -> float:
+        """Return the largest derivative of the path from row to row, or from column to column.
 
         The difference of two paths is the largest distance between their points at equal fractions of the exposure.
+        Paths interpolated linearly between N equal parts of the picture err by about the second derivative over 8 N^2.
+
+        Parameters
+        ----------
+        order : int
+            1 for the change, 2 for the curvature.
+        axis : int
+            0 from row to row, 1 from column to column.
+
+        Returns
+        -------
+        float
+            In px per (squared) height or width of the evenly spaced grid.
         """
-        return self._derivative(1, axis=0)
-
-    @property
-    def change_across(self) -> float:
-        """Largest change of the path from column to column, in px per width of the evenly spaced grid."""
-        return self._derivative(1, axis=1)
-
-    @property
-    def curvature_down(self) -> float:
-        """Largest second derivative of the path from row to row, in px per squared height of the evenly spaced grid.
-
-        Paths interpolated linearly between N equal parts of the height err by about `curvature_down / (8 N^2)` px.
-        """
-        return self._derivative(2, axis=0)
-
-    @property
-    def curvature_across(self) -> float:
-        """Largest second derivative of the path from column to column, in px per squared width of the grid."""
-        return self._derivative(2, axis=1)
-
-    def _derivative(self, order: int, *, axis: int) -> float:
         differences = np.linalg.norm(np.diff(self.displacements, n=order, axis=axis), axis=-1)
-        parts = float(self.displacements.shape[axis] - 1)
-        return float(differences.max(initial=0.0) * parts**order)
+        return float(differences.max(initial=0.0)) * float(self.displacements.shape[axis] - 1) ** order
 
     @property
     def lengths(self) -> FloatArray:

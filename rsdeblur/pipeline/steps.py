@@ -21,8 +21,8 @@ from rsdeblur.image.encoded import EncodedImage, blocks
 from rsdeblur.image.highlights import HighlightSplit, find_spots, lights, separate_highlights, small_spots
 from rsdeblur.image.mending import UndershootMeter, fade_undershoot, keep_colours_near_clipped
 from rsdeblur.image.transfer import normalized, quantised
+from rsdeblur.motion.alignment import rectify
 from rsdeblur.motion.paths import Capture
-from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.memory import plan_chunks
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import ChunkSolver, Strengths

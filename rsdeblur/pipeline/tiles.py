@@ -116,7 +116,7 @@ def _automatic_counts(capture: Capture, nsr: float) -> tuple[int, int]:
     """Return the numbers of bands and strips that limit the change of the blur between neighbouring tiles."""
     probe, camera = capture.probe, capture.camera
     allowed = TILE_CHANGE * max(float(probe.lengths.max()) * np.sqrt(nsr), 2 / np.pi)
-    measured = (probe.curvature_down, probe.change_down), (probe.curvature_across, probe.change_across)
+    measured = [(probe.largest_derivative(2, axis), probe.largest_derivative(1, axis)) for axis in (0, 1)]
     needed = [max(np.sqrt(curvature / (8 * TILE_PATH_ERROR)), change / allowed) for curvature, change in measured]
     counts = []
     for tiles, reach, length, most in zip(

@@ -13,17 +13,17 @@ from rsdeblur.errors import FileFormatError, RsdeblurError, RsdeblurWarning
 from rsdeblur.io import open_camera, open_gyro, read_acceleration, read_picture
 from rsdeblur.io.camera_file import CameraFile
 from rsdeblur.io.cameras import detect_camera_format
-from rsdeblur.io.captures import FORMATS, WHAT, is_clocks, open_captures, read_clocks
+from rsdeblur.io.captures import FORMATS, WHAT, clock_facts, open_captures
 from rsdeblur.io.columns import choice_for, choices_of
-from rsdeblur.io.exif import MAKE, MODEL, Exif, shown_time
 from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.gyroflow import is_profile
+from rsdeblur.io.metadata import MAKE, MODEL, Exif, shown_time
 from rsdeblur.io.picture_output import KINDS
 from rsdeblur.io.pictures import is_picture
 from rsdeblur.io.source import Source, is_archive
-from rsdeblur.motion.acceleration import AccelerationLog
 from rsdeblur.motion.axes import PRESETS, imu_to_camera
+from rsdeblur.motion.gyro import AccelerationLog
 
 AXES = {
     "phone": "phone: x right, y up, z out of the screen",
@@ -42,8 +42,8 @@ def describe(path: Path, reading: Mapping[str, Any]) -> dict[str, Any]:
         return capture_facts(path, columns)
     if columns or reading["format"]:
         return gyro_facts(path, reading)
-    if is_clocks(source):
-        return _clocks(path)
+    if (facts := clock_facts(source)) is not None:
+        return facts
     if _is_camera(path):
         return camera_facts(open_camera(path))
     try:
@@ -106,17 +106,6 @@ def accelerometer(path: Path, columns: str | None) -> AccelerationLog | None:
             return read_acceleration(path, columns=choice_for("gyro log", columns))
         except RsdeblurError:
             return None
-
-
-def _clocks(path: Path) -> dict[str, Any]:
-    """Return the differences between the clocks of a session."""
-    clocks = read_clocks(path)
-    return {
-        "kind": "clocks of a session",
-        "camera_clock": clocks.source,
-        "differences_ns": list(clocks.differences),
-        "time_offset_s": clocks.time_offset,
-    }
 
 
 def camera_facts(file: CameraFile) -> dict[str, Any]:

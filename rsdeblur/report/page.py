@@ -24,7 +24,7 @@ from PIL import Image, ImageOps
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur.choices import VERDICTS, Transfer
 from rsdeblur.config import show_config
-from rsdeblur.io.exif import Exif
+from rsdeblur.io.metadata import Exif
 from rsdeblur.io.pictures import Picture
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure

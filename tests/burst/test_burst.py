@@ -20,8 +20,8 @@ from rsdeblur.estimate.correction import Correction
 from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.motion.alignment import Alignment, burst_captures
 from rsdeblur.psf import tile_centres
-from rsdeblur.simulation.clip import simulate_clip
 from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.simulate import simulate_clip
 from rsdeblur.tuning import Tuning
 
 CAMERA = Camera(160, 128, 180.0, readout_time=0.02)

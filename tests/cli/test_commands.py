@@ -18,7 +18,7 @@ from PIL import Image
 from rsdeblur import RsdeblurWarning, deconvolve
 from rsdeblur.estimate.time_offset import OffsetSearch
 from rsdeblur.io import open_gyro, read_camera, read_picture
-from rsdeblur.io.arrays import read_psfs
+from rsdeblur.io.pictures import read_psfs
 from rsdeblur.psf import PsfBank
 
 if TYPE_CHECKING:

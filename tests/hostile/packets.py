@@ -8,11 +8,9 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from rsdeblur.io import Picture, picture_output
-from rsdeblur.io._metadata import PNG_IPTC, png_iptc
 from tests._util import files
 
 RECORD = b"\x1c\x02\x78\x00\x05hello"
-RESOURCE = b"8BIM\x04\x04\0\0" + struct.pack(">I", len(RECORD)) + RECORD
 # An XMP packet that describes a gain map and a motion photo, and one that describes nothing of them.
 LOST, KEPT = (
     f'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
@@ -57,16 +55,13 @@ def jpegs() -> list[bytes]:
 
 def pngs() -> list[bytes]:
     """Return PNGs with metadata."""
-    pixels, found = files.picture((12, 20, 3), "uint8"), []
+    pixels = files.picture((12, 20, 3), "uint8")
     profile = b"\0" * 16 + b"GRAY" + b"\0" * 108
     grey = Picture(files.picture((12, 20), "uint16"), exif(), profile, xmp=LOST, iptc=RECORD)
-    for text in (png_iptc(RESOURCE).decode(), png_iptc(RECORD).decode()[:-2], "iptc", ""):
-        info, buffer = PngInfo(), BytesIO()
-        info.add_text(PNG_IPTC, text)
-        info.add(b"caBX", b"jumdc2pa", after_idat=False)
-        Image.fromarray(pixels).save(buffer, "PNG", pnginfo=info)
-        found.append(buffer.getvalue())
-    return [*found, picture_output.encode("PNG", grey)]
+    info, buffer = PngInfo(), BytesIO()
+    info.add(b"caBX", b"jumdc2pa", after_idat=False)
+    Image.fromarray(pixels).save(buffer, "PNG", pnginfo=info)
+    return [buffer.getvalue(), picture_output.encode("PNG", grey)]
 
 
 def webps() -> list[bytes]:

@@ -17,9 +17,9 @@ from PIL.JpegImagePlugin import JpegImageFile
 from rsdeblur import FileFormatError, InputError, OutputError, read_picture, write_picture
 from rsdeblur.image.transfer import linear_profile
 from rsdeblur.io import Picture, pictures, read_depths
-from rsdeblur.io.arrays import read_psfs
-from rsdeblur.io.exif import Exif
+from rsdeblur.io.metadata import Exif
 from rsdeblur.io.picture_output import check_writable, picture_to_fill
+from rsdeblur.io.pictures import read_psfs
 from tests._util import files as seeds
 from tests._util.files import tiff
 from tests.installed import needs

@@ -10,10 +10,10 @@ from PIL.ExifTags import IFD, Base
 
 from rsdeblur import Exposure, FileFormatError, GyroLog, InputError, read_captures, read_trajectory
 from rsdeblur.errors import ClockError
-from rsdeblur.io.captures import read_clocks
-from rsdeblur.io.exif import Exif, capture_time, shown_time
+from rsdeblur.io.captures import clock_facts
+from rsdeblur.io.metadata import Exif, capture_time, on_clock_of, shown_time
 from rsdeblur.io.sessions import camera_in, files_in
-from rsdeblur.motion.wall_clock import on_clock_of
+from rsdeblur.io.source import Source
 from tests._util.files import ANDROID, CAPTURES, EPOCH, NEXT, RATES, TIMESTAMPS, TRAJECTORIES, trailer
 
 Write = Callable[..., Path]
@@ -45,7 +45,9 @@ def test_clocks_of_a_session(write: Write, source: str, offset: float) -> None:
         f"SENSOR_INFO_TIMESTAMP_SOURCE_{source}.\n#elapsedRealtimeNanos()\tnanoTime()\tDifference\n"
         "1560503966948\t1556709084554\t3794882394\n1562660845704\t1558865961853\t3794883851\n"
     )
-    assert read_clocks(path).time_offset == pytest.approx(offset, abs=1e-12)
+    facts = clock_facts(Source(path, "file"))
+    assert facts is not None
+    assert facts["time_offset_s"] == pytest.approx(offset, abs=1e-12)
 
 
 def test_real_captures(data_dir: Path) -> None:

@@ -20,9 +20,9 @@ import tifffile
 import rsdeblur
 from rsdeblur import Camera, FileFormatError, read_gyro, read_picture, read_trajectory, write_picture
 from rsdeblur.io import Picture, open_camera, read_acceleration, read_depths
-from rsdeblur.io.arrays import read_psfs
-from rsdeblur.io.captures import read_clocks
-from rsdeblur.io.source import BLOCK_UNTRUSTED
+from rsdeblur.io.captures import clock_facts
+from rsdeblur.io.pictures import read_psfs
+from rsdeblur.io.source import BLOCK_UNTRUSTED, Source
 from tests._util import files, gyroflow
 from tests._util.files import ANDROID, FORCES, IOS, LAYOUTS, MARS, STEP, npy, rows, tiff
 from tests.installed import needs
@@ -328,12 +328,12 @@ READERS: list[tuple[Callable[..., Any], str, list[Fault]]] = [
     (partial(read_gyro, format="sensorlogger-json"), "log.json", EXPORTS),
     (read_acceleration, "gyro_accel.csv", ACCELERATIONS),
     (partial(rsdeblur.read_captures, duration=0.01), "captures.csv", CAPTURES),
-    (read_clocks, "clocks.txt", CLOCKS),
+    (lambda path: clock_facts(Source(path, "file")), "clocks.txt", CLOCKS),
     (read_trajectory, "poses.txt", TRAJECTORIES),
     *((open_camera, name, faults) for name, faults in (
         ("lens.json", PROFILES), ("camera.yaml", CHAINS), ("a.jpg", PHOTOS))),
     (partial(open_camera, format="mars"), "movie.csv", [
-        (files.CHAIN, 0, "not MARS logger's"), (files.CAPTURES["ios"].replace("1500.5", "1e-320"), 0, "focal")]),
+        (files.CHAIN, 0, "MARS logger"), (files.CAPTURES["ios"].replace("1500.5", "1e-320"), 0, "focal")]),
     (Camera.load, "camera.toml", TOML),
     (read_depths, "depth.npy", DEPTHS),
     (partial(read_psfs, shape=(40, 60, 3)), "k.npy", PSFS),

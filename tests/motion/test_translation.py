@@ -9,8 +9,8 @@ from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import Camera, Exposure, GyroLog, Translation, deblur, scene, simulate
 from rsdeblur.motion import BlurPaths, Capture, Trajectory
+from rsdeblur.motion.alignment import rectify
 from rsdeblur.motion.axes import imu_to_camera
-from rsdeblur.motion.rectify import rectify
 
 CAMERA = Camera(160, 120, 200.0, readout_time=0.02)
 EXPOSURE = Exposure(0.05, 0.04)

@@ -11,7 +11,7 @@ from rsdeblur import Camera, Exposure, GyroLog, PsfBank, Translation, hand_shake
 from rsdeblur.choices import READOUT_DIRECTIONS
 from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.simulation import Layer
-from rsdeblur.simulation.clip import simulate_clip
+from rsdeblur.simulation.simulate import simulate_clip
 
 SIZE, FOCAL = 80, 100.0
 EXPOSURE, STILL = Exposure(0.12, 0.05), GyroLog(np.arange(0, 1, 0.01), np.zeros((100, 3)))

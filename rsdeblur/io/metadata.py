@@ -1,0 +1,340 @@
+"""Pictures with their metadata, which are found in files of each format, and renewed for a result; photos' EXIF blocks.
+
+Sizes and orientation are renewed where they are in an EXIF block, so that offsets in makers' notes stay true.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import warnings
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from fractions import Fraction
+from typing import Any, Literal, NamedTuple
+
+from numpy.typing import NDArray
+from PIL import Image
+from PIL.ExifTags import IFD, Base
+
+from rsdeblur._util.binary import DAMAGE, LONG, ORIENTATION, PREFIX, SHORT, Directory, Tags, block_of, tags_of
+from rsdeblur._util.one_line import one_line
+from rsdeblur.errors import ClockError, InputError, RsdeblurWarning
+from rsdeblur.image.transfer import linear_profile
+from rsdeblur.motion.gyro import GyroLog
+
+# Parts that belong to the original only, and bytes that show them in its file or XMP packet.
+C2PA = "the C2PA manifest, which is valid for the bytes of the original only"
+LOSSES = {
+    C2PA: (b"jumdc2pa",),
+    "the HDR gain map, which fits the blurred picture": (
+        *(b"hdrgm:", b"HDRGainMap:", b'"GainMap"', b">GainMap<", b"aux:hdrgainmap", b"\0\0tmap\0"),
+    ),
+    "the pictures behind the photo (MPF: gain map, preview, depth)": (b"MPF\0II*\0", b"MPF\0MM\0*"),
+    "the video of the motion photo": (b"MotionPhoto", b"MicroVideo"),
+    "the extended part of the XMP packet (depth map or original picture)": (b"http://ns.adobe.com/xmp/extension/\0",),
+}
+# Texts in XMP packets that describe other things that a result does not have: places of depth maps, sounds and extended
+# packets, a thumbnail of the blurred photo, the address of a C2PA manifest.
+OTHER_TEXTS = (
+    *(b"/photos/1.0/container/", b"/photos/1.0/depthmap/", b"/photos/1.0/image/", b"/photos/1.0/audio/"),
+    *(b"/photos/dd/1.0/device/", b"HasExtendedXMP", b"xmp:Thumbnails", b"dcterms:provenance"),
+)
+DESCRIBES = "the XMP packet, which describes parts of the original that the result does not have"
+# Blocks of metadata: the name for messages, and the length of the longest in a JPEG.
+BLOCKS = {"exif": ("the EXIF block", 65_533), "xmp": ("the XMP packet", 65_502), "iptc": ("the IPTC record", 65_500)}
+
+# Most bytes of samples in a classic TIFF: its offsets have 32 bits, and its tags need room too.
+CLASSIC_BYTES = 2**32 - 2**24
+MAKE, MODEL, ZOOM = Base.Make, Base.Model, Base.DigitalZoomRatio
+# mm: diagonal of a 36 x 24 mm film frame, to which the 35 mm equivalent refers.
+FILM_DIAGONAL = 43.267
+# Time in EXIF minus the start of the exposure, s: cameras write the command, the end or the storing of the picture, and
+# some whole seconds only.
+EXIF_ERROR = (-2.0, 1.0)
+
+
+@one_line()
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    r"""A picture as stored in a file.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (H, W) or (H, W, C)
+        Samples: uint8 or uint16 of full range, or float32. C is 2 for grey and alpha, 3 for RGB, 4 for RGB and alpha.
+    exif : bytes, optional
+        The EXIF block, from its ``Exif\0\0`` prefix on.
+    icc_profile : bytes, optional
+        The colour profile.
+    linear : bool, optional
+        Whether the values are proportional to light. By default true for floats and for pictures with the colour
+        profile that raw files get here.
+    xmp : bytes, optional
+        The XMP packet.
+    iptc : bytes, optional
+        The IPTC record.
+    losses : tuple of str, optional
+        Parts of the file that a copy cannot keep, in words, such as gain maps and C2PA manifests.
+    modified_ns : int, optional
+        Time of the file's last change, in ns since 1970.
+    """
+
+    pixels: NDArray[Any]
+    exif: bytes | None = None
+    icc_profile: bytes | None = None
+    linear: bool | None = None
+    xmp: bytes | None = None
+    iptc: bytes | None = None
+    losses: tuple[str, ...] = ()
+    modified_ns: int | None = None
+
+    @property
+    def transfer(self) -> Literal["srgb", "linear"]:
+        """How the values encode light."""
+        linear = self.linear
+        if linear is None:
+            linear = self.pixels.dtype.kind == "f" or self.icc_profile == linear_profile()
+        return "linear" if linear else "srgb"
+
+
+def of_info(info: Mapping[Any, Any], data: bytes, pixels: NDArray[Any], exif: bytes | None) -> Picture:
+    """Return the picture of a file, whose metadata are in `info` as Pillow names them."""
+    xmp = info.get("xmp")
+    xmp = xmp.encode() if isinstance(xmp, str) else xmp
+    if exif and not exif.startswith(PREFIX):
+        exif = PREFIX + exif
+    iptc = info.get("photoshop", {}).get(0x0404)
+    profile, losses = info.get("icc_profile"), losses_of(data, xmp)
+    return Picture(pixels, exif or None, profile, None, xmp or None, iptc or None, losses)
+
+
+def losses_of(data: bytes, xmp: bytes | None) -> tuple[str, ...]:
+    """Return the parts of a file that a copy cannot keep, in words."""
+    return tuple(text for text, marks in LOSSES.items() if any(mark in data or (xmp and mark in xmp) for mark in marks))
+
+
+def renewed(old: Picture, pixels: NDArray[Any], kind: str) -> Picture:
+    """Return a result with the metadata of its original."""
+    height, width = pixels.shape[:2]
+    losses = list(old.losses)
+    new = replace(old, pixels=pixels, icc_profile=fitting_profile(old.icc_profile, pixels, grey=kind != "WebP"))
+    if old.exif:
+        new = replace(new, exif=renewed_exif(old.exif, width, height))
+    if old.xmp and (losses_of(b"", old.xmp) or any(text in old.xmp for text in OTHER_TEXTS)):
+        new, losses = replace(new, xmp=None), [*losses, DESCRIBES]
+    for name, reason in _refused(new, kind).items():
+        without: dict[str, Any] = {name: None}
+        new, losses = replace(new, **without), [*losses, f"{BLOCKS[name][0]}, {reason}"]
+    if losses:
+        warnings.warn(f"left out of the result: {'; '.join(losses)}", RsdeblurWarning, stacklevel=3)
+    return new
+
+
+def fitting_profile(icc: bytes | None, pixels: NDArray[Any], *, grey: bool = True) -> bytes | None:
+    """Return the profile if its colour space (bytes 16 to 20) is that of `pixels`; `grey`: the file can be grey."""
+    space = b"GRAY" if grey and (pixels.ndim == 2 or pixels.shape[2] == 2) else b"RGB "
+    return icc if icc and icc[16:20] == space else None
+
+
+def _refused(picture: Picture, kind: str) -> dict[str, str]:
+    """Return the blocks that a file cannot hold, with the reason."""
+    blocks = {name: block for name in BLOCKS if (block := getattr(picture, name))}
+    if kind == "NumPy":
+        return dict.fromkeys(blocks, "which NumPy files do not have")
+    if kind in ("PNG", "WebP"):
+        return {"iptc": f"which {kind} files do not have"} if "iptc" in blocks else {}
+    if kind == "JPEG":
+        reason = "whose {} bytes are too many for JPEG"
+        return {name: reason.format(len(block)) for name, block in blocks.items() if len(block) > BLOCKS[name][1]}
+    if kind == "TIFF" and "exif" in blocks:
+        if picture.pixels.nbytes > CLASSIC_BYTES:
+            return {"exif": "which a TIFF of more than 4 GB cannot hold"}
+        try:
+            tags_of(blocks["exif"])
+        except DAMAGE as error:
+            return {"exif": f"which is damaged: {error}"}
+    return {}
+
+
+class Exif:
+    """Valid tags of an EXIF block; `None` where a tag is missing or malformed."""
+
+    def __init__(self, block: bytes | None) -> None:
+        self.main: Any = Image.Exif()
+        self.camera: dict[int, Any] = {}
+        try:
+            if block:
+                self.main.load(block)
+            self.camera = dict(self.main.get_ifd(IFD.Exif))
+        except DAMAGE:
+            self.main = Image.Exif()
+
+    def number(self, tag: int) -> float | None:
+        """Return a tag of the camera's directory that is a positive number."""
+        try:
+            value = self.camera[tag]
+            number = float(value[0] if isinstance(value, tuple) else value)
+        except (KeyError, TypeError, ValueError, ZeroDivisionError, IndexError):
+            return None
+        return number if math.isfinite(number) and number > 0 else None
+
+    def text(self, tag: int) -> str | None:
+        """Return a tag of the main or the camera's directory that is text."""
+        value = self.main.get(tag, self.camera.get(tag))
+        return value.replace("\0", "").strip() or None if isinstance(value, str) else None
+
+    @property
+    def exposure(self) -> float | None:
+        """Exposure time in s."""
+        return self.number(Base.ExposureTime)
+
+    @property
+    def orientation(self) -> int:
+        """How viewers turn the stored picture: 1 (not at all) to 8."""
+        value = self.main.get(Base.Orientation)
+        return value if isinstance(value, int) and 1 <= value <= 8 else 1
+
+    def focal_px(self, width: int, height: int) -> tuple[float, str]:
+        """Return the focal length in px of a picture of that size, and its origin in words."""
+        film = self.number(Base.FocalLengthIn35mmFilm)
+        if film:
+            return film / FILM_DIAGONAL * math.hypot(width, height), f"35 mm equivalent {film:g} mm"
+        focal_length, resolution = self.number(Base.FocalLength), self.number(Base.FocalPlaneXResolution)
+        # None (which means inch), inch, cm, mm, um.
+        units = {1: 25.4, 2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+        millimetres = units.get(int(self.number(Base.FocalPlaneResolutionUnit) or 2))
+        if focal_length and resolution and millimetres:
+            across = self.number(Base.ExifImageWidth) or max(width, height)
+            sensor = across * millimetres / resolution
+            # From the smallest phone cameras to medium format.
+            if not 2 < sensor < 60:
+                raise InputError(
+                    f"the picture was resized since it was taken: its EXIF block implies a sensor {sensor:.3g} mm wide"
+                )
+            # The resolution refers to the picture as the camera took it.
+            scale = max(width, height) / across
+            return (
+                focal_length * resolution / millimetres * scale,
+                f"{focal_length:g} mm at {resolution / millimetres:.1f} px/mm",
+            )
+        raise InputError(
+            "EXIF contains no focal length in px: neither the 35 mm equivalent nor the focal plane's resolution"
+            + (f", only {focal_length:g} mm" if focal_length else "")
+        )
+
+
+class CaptureTime(NamedTuple):
+    """Time of a photo: Unix time, or its local time as if that were UTC, in ns."""
+
+    ns: int
+    has_zone: bool
+
+
+def capture_time(exif: Exif, name: str = "") -> CaptureTime:
+    """Return the time at which a photo was taken: DateTimeOriginal, its fraction and its offset.
+
+    Without them, 13 digits are Unix time in ms, as Sensor Logger names its photos.
+    """
+    if Base.DateTimeOriginal not in exif.camera and len(name) == 13 and name.isascii() and name.isdigit():
+        return CaptureTime(int(name) * 1_000_000, True)
+    try:
+        local = datetime.strptime(exif.text(Base.DateTimeOriginal) or "", "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+        # Cameras whose clock is not set write the year 0 or 1, and 64 bits of ns end in 2262.
+        if not 1900 <= local.year < 2262:
+            raise ValueError
+    except ValueError:
+        raise InputError("the EXIF block contains no DateTimeOriginal; give --start or --start-ns") from None
+    digits = exif.text(Base.SubsecTimeOriginal) or ""
+    fraction = int(digits[:9].ljust(9, "0")) if digits.isascii() and digits.isdigit() else 0
+    ns = round(local.timestamp()) * 10**9 + fraction
+    with suppress(ValueError):
+        zone = datetime.strptime(exif.text(Base.OffsetTimeOriginal) or "", "%z").utcoffset() or timedelta()
+        return CaptureTime(ns - round(zone.total_seconds()) * 10**9, True)
+    return CaptureTime(ns, False)
+
+
+def on_clock_of(time: CaptureTime, log: GyroLog) -> int:
+    """Return the Unix time of a photo in ns; without a time zone, in the one zone in which the log covers the photo."""
+    first, last = (log.epoch_ns + round(end * 10**9) for end in log.span)
+    # Timestamps before the year 2000 are not Unix time: clocks of phones count from their start.
+    if first < 946_684_800 * 10**9:
+        raise ClockError("the timestamps of the log are not Unix time, so the time in EXIF has no place on its clock")
+    early, late = (round(error * 10**9) for error in EXIF_ERROR)
+    # Time zones differ from UTC by multiples of a quarter of an hour, from -12 to +14 hours.
+    quarters = range(1) if time.has_zone else range(-48, 57)
+    times = [time.ns - quarter * 900 * 10**9 for quarter in quarters]
+    fitting = [ns for ns in times if first + early <= ns <= last + late]
+    if len(fitting) != 1:
+        what = "several time zones fit" if fitting else "the log does not cover it"
+        zone = "" if time.has_zone else ", local time"
+        raise ClockError(
+            f"the photo was taken at {shown(time.ns)}{zone} by its EXIF block, the log spans {shown(first)} to "
+            f"{shown(last)} UTC: {what}; give --start-ns"
+        )
+    return fitting[0]
+
+
+def shown(ns: int) -> str:
+    """Return a Unix time in ns as text, UTC."""
+    return datetime.fromtimestamp(ns // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S")
+
+
+def shown_time(exif: Exif) -> str | None:
+    """Return the time at which a photo was taken, as text; None if the block has none."""
+    try:
+        time = capture_time(exif)
+    except InputError:
+        return None
+    return f"{shown(time.ns)}.{time.ns // 1_000_000 % 1000:03d} {'UTC' if time.has_zone else 'local time'}"
+
+
+def with_orientation(exif: bytes | None, orientation: int) -> bytes:
+    """Return the EXIF block with another orientation; a new block if it is missing or damaged."""
+    data, tags = bytearray((exif or b"").removeprefix(PREFIX)), Tags()
+    with suppress(*DAMAGE):
+        main = Directory(data)
+        if ORIENTATION in main.places:
+            main.set(ORIENTATION, SHORT, orientation)
+            return PREFIX + bytes(data)
+        tags = main.tags()
+    return block_of(tags | {ORIENTATION: (SHORT, 1, struct.pack("<H", orientation))})
+
+
+def renewed_exif(exif: bytes, width: int, height: int) -> bytes:
+    """Return an EXIF block for a picture of this size in px, without the thumbnail."""
+    prefix, data = exif[: len(exif) - len(exif.removeprefix(PREFIX))], bytearray(exif.removeprefix(PREFIX))
+    try:
+        main = Directory(data)
+        main.set(Base.ImageWidth, LONG, width)
+        main.set(Base.ImageLength, LONG, height)
+        if table := main.number(IFD.Exif):
+            camera = Directory(data, table)
+            for tag, plane, side in (
+                (Base.ExifImageWidth, Base.FocalPlaneXResolution, width),
+                (Base.ExifImageHeight, Base.FocalPlaneYResolution, height),
+            ):
+                if (before := camera.number(tag)) not in (0, side):
+                    camera.scale(plane, Fraction(side, before))
+                camera.set(tag, LONG, side)
+        _remove_thumbnail(main)
+    except DAMAGE:
+        return exif
+    return prefix + bytes(data)
+
+
+def _remove_thumbnail(main: Directory) -> None:
+    """Remove the second directory with its thumbnail, which shows the blurred photo."""
+    data = main.data
+    start = main.unpack("I", main.end) if len(data) >= main.end + 4 else 0
+    if not 0 < start < len(data) - 2:
+        return
+    second = Directory(data, start)
+    place = second.number(Base.JpegIFOffset)
+    if (length := min(second.number(Base.JpegIFByteCount), len(data) - place)) > 0:
+        if place <= main.end:
+            raise ValueError("the thumbnail claims the bytes of the first directory")
+        data[place : place + length] = bytes(length)
+    data[main.end : main.end + 4] = bytes(4)
