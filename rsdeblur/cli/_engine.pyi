@@ -108,7 +108,6 @@ from rsdeblur.report.page import Page as Page
 from rsdeblur.report.page import mode_table as mode_table
 from rsdeblur.report.page import write_batch_page as write_batch_page
 from rsdeblur.report.page import write_page as write_page
-from rsdeblur.report.timeline import timeline_svg as timeline_svg
 from rsdeblur.simulation.clip import simulate_clip as simulate_clip
 from rsdeblur.simulation.scene import scene as scene
 from rsdeblur.simulation.shake import hand_shake as hand_shake
