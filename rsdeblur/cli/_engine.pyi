@@ -124,6 +124,5 @@ from rsdeblur.video.encode import Encoding as Encoding
 from rsdeblur.video.encode import check_output as check_output
 from rsdeblur.video.encode import container_of as container_of
 from rsdeblur.video.encode import deblur_video as deblur_video
-from rsdeblur.video.encode import estimated_seconds as estimated_seconds
 from rsdeblur.video.plan import ClipPlan as ClipPlan
 from rsdeblur.video.plan import plan_clip as plan_clip
