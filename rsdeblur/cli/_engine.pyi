@@ -6,8 +6,6 @@ from rsdeblur._util.memory import keep as keep
 from rsdeblur._util.threads import thread_count as thread_count
 from rsdeblur._util.workers import Failure as Failure
 from rsdeblur._util.workers import run as run
-from rsdeblur.app import Desk as Desk
-from rsdeblur.app import Engine as Engine
 from rsdeblur.app import LocalServer as LocalServer
 from rsdeblur.app import app_page as app_page
 from rsdeblur.burst.burst import MOST_FRAMES as MOST_FRAMES
@@ -19,6 +17,7 @@ from rsdeblur.calibration.clip import calibrate as calibrate
 from rsdeblur.calibration.flicker import measure_flicker as measure_flicker
 from rsdeblur.calibration.matches import LONGEST_STEP as LONGEST_STEP
 from rsdeblur.calibration.photos import calibrate_photos as calibrate_photos
+from rsdeblur.cli._desk import Desk as Desk
 from rsdeblur.estimate.time_offset import OffsetSearch as OffsetSearch
 from rsdeblur.estimate.time_offset import find_time_offset as find_time_offset
 from rsdeblur.image.encoded import as_float as as_float

@@ -14,9 +14,9 @@ import pytest
 from PIL import Image
 
 from rsdeblur import Exposure, Options, read_camera, read_gyro, read_picture
-from rsdeblur.app import Crop, Desk, LocalServer, app_page, derive_basis, solve_crop
+from rsdeblur.app import Crop, LocalServer, app_page, derive_basis, solve_crop
+from rsdeblur.cli._desk import Desk
 from rsdeblur.cli._options import MANY
-from rsdeblur.cli.app import engine
 from rsdeblur.errors import InputError, OutputError, RsdeblurError
 from rsdeblur.estimate.time_offset import OffsetSearch
 
@@ -40,7 +40,7 @@ def form(files):
 @pytest.fixture
 def make_desk(tmp_path):
     """Return a desk with its settings in a temporary folder, for photos and options of the command line."""
-    return partial(Desk, engine(), settings=tmp_path / "settings")
+    return partial(Desk, settings=tmp_path / "settings")
 
 
 @pytest.fixture
