@@ -12,8 +12,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 
 from rsdeblur._util import validate
-from rsdeblur._util.atomic import atomic_write
-from rsdeblur._util.files import open_file
+from rsdeblur._util.files import atomic_write, open_file
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.kernels.raster import rasterize

@@ -21,8 +21,7 @@ from typing import Any
 import click
 import numpy as np
 
-from rsdeblur._util.atomic import atomic_write
-from rsdeblur._util.files import FileState, file_state, read_file
+from rsdeblur._util.files import FileState, atomic_write, file_state, read_file
 from rsdeblur.app.crop import Basis, Crop, derive_basis, solve_crop
 from rsdeblur.app.server import Uploads, plain
 from rsdeblur.choices import CAMERA

@@ -25,8 +25,7 @@ from typing import Any
 
 import click
 
-from rsdeblur._util.atomic import atomic_write, check_target
-from rsdeblur._util.files import file_state
+from rsdeblur._util.files import atomic_write, check_target, file_state
 from rsdeblur.cli import _engine as rs
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 

@@ -12,7 +12,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from rsdeblur._util.atomic import check_target
+from rsdeblur._util.files import check_target
 from rsdeblur.choices import Mode
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._inputs import (

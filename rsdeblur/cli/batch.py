@@ -14,8 +14,7 @@ from typing import Any
 
 import click
 
-from rsdeblur._util.atomic import remove_unfinished
-from rsdeblur._util.files import file_state, read_file
+from rsdeblur._util.files import file_state, read_file, remove_unfinished
 from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options

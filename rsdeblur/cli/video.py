@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from rsdeblur._util.atomic import check_target
+from rsdeblur._util.files import check_target
 from rsdeblur.choices import CRF, KEEP, SHARP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options

@@ -21,7 +21,7 @@ from urllib.parse import quote
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
-from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.files import atomic_write
 from rsdeblur.choices import VERDICTS, Transfer
 from rsdeblur.config import show_config
 from rsdeblur.io.exif import Exif

@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur._util.atomic import atomic_write, check_target
-from rsdeblur._util.files import checked_path
+from rsdeblur._util.files import atomic_write, check_target, checked_path
 from rsdeblur.choices import CRF
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurError
 from rsdeblur.types import Progress
