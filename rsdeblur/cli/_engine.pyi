@@ -90,8 +90,11 @@ from rsdeblur.report import psf_map as psf_map
 from rsdeblur.report import side_by_side as side_by_side
 from rsdeblur.report.drawings import bank_data as bank_data
 from rsdeblur.report.drawings import picture_uris as picture_uris
+from rsdeblur.report.facts import accelerometer as accelerometer
 from rsdeblur.report.facts import calibration_facts as calibration_facts
+from rsdeblur.report.facts import camera_facts as camera_facts
 from rsdeblur.report.facts import clip_facts as clip_facts
+from rsdeblur.report.facts import describe as describe
 from rsdeblur.report.facts import offset_facts as offset_facts
 from rsdeblur.report.facts import plain as plain
 from rsdeblur.report.facts import readout_data as readout_data
@@ -100,9 +103,6 @@ from rsdeblur.report.facts import remarks as remarks
 from rsdeblur.report.facts import result_facts as result_facts
 from rsdeblur.report.facts import similarity as similarity
 from rsdeblur.report.facts import summary as summary
-from rsdeblur.report.files import accelerometer as accelerometer
-from rsdeblur.report.files import camera_facts as camera_facts
-from rsdeblur.report.files import describe as describe
 from rsdeblur.report.page import Page as Page
 from rsdeblur.report.page import mode_table as mode_table
 from rsdeblur.report.page import write_batch_page as write_batch_page

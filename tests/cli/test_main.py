@@ -89,7 +89,7 @@ def test_no_traceback(
     def fail(_: object) -> None:
         raise raised
 
-    monkeypatch.setattr("rsdeblur.report.files.read_picture", fail)
+    monkeypatch.setattr("rsdeblur.report.facts.read_picture", fail)
     picture = f"{tmp_path}/a.png"
     with open(picture, "wb"):
         result = CliRunner().invoke(main, ["info", picture])
