@@ -11,7 +11,6 @@ import json
 import logging
 import re
 import sys
-import time
 import tomllib
 import unicodedata
 import warnings
@@ -132,7 +131,7 @@ def be_verbose(context: click.Context) -> None:
     """Print what is logged, until the command ends."""
     handler, before = _Lines(), LOG.level
     LOG.addHandler(handler)
-    LOG.setLevel(logging.INFO)
+    LOG.setLevel(logging.DEBUG)
     context.call_on_close(lambda: LOG.removeHandler(handler))
     context.call_on_close(lambda: LOG.setLevel(before))
 
@@ -297,19 +296,6 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(table)
 
 
-def _stages(title: str) -> rs.Progress:
-    """Return a function of progress that logs when a stage begins."""
-    begin, last = time.perf_counter(), ""
-
-    def move(stage: str, _: float) -> None:
-        nonlocal last
-        if stage != last:
-            LOG.info("%s: %s, %.2f s after the start", title, stage, time.perf_counter() - begin)
-        last = stage
-
-    return move
-
-
 def compiling() -> AbstractContextManager[Callable[[], float]]:
     """Return a context that says, once for each command, that functions are compiled."""
     context = click.get_current_context(silent=True)
@@ -327,13 +313,13 @@ def compiling() -> AbstractContextManager[Callable[[], float]]:
 def progress(title: str) -> Iterator[rs.Progress | None]:
     """Show a progress bar on a terminal; yield the function that moves it, or None if stderr is not a terminal.
 
-    Until its first move, the bar shows activity only. A verbose command prints a line for each stage instead, a quiet
-    one nothing.
+    Until its first move, the bar shows activity only. A verbose command prints what is logged instead, a quiet one
+    nothing.
     """
     with compiling():
         # There is no stream if it was closed before the start (2>&-).
         if level() or sys.stderr is None or not sys.stderr.isatty():
-            yield _stages(title) if level() > 0 else None
+            yield None
             return
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn

@@ -242,7 +242,7 @@ def around(first: float, last: float) -> tuple[float, float]:
 def motion_data(log: GyroLog, camera: Camera, exposure: Exposure) -> dict[str, Any]:
     """Return `readout_data`, and of the log around the exposure at most 4000 sample times in ms and rates in rad/s."""
     start, end = exposure.span(camera)
-    t, _ = rates_in_camera(log, camera, exposure.epoch_ns)
+    t, rates = rates_in_camera(log, camera, exposure.epoch_ns)
     first, last = around(start, end)
     near = np.flatnonzero((t >= first) & (t <= last))
     near = near[:: math.ceil(max(len(near), 1) / 4000)]
