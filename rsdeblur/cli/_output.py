@@ -310,8 +310,8 @@ def compiling() -> AbstractContextManager[Callable[[], float]]:
 
 
 @contextmanager
-def progress(title: str) -> Iterator[rs.Progress | None]:
-    """Show a progress bar on a terminal; yield the function that moves it, or None if stderr is not a terminal.
+def progress(title: str) -> Iterator[rs.Progress]:
+    """Show a progress bar if stderr is a terminal; yield the function that moves it.
 
     Until its first move, the bar shows activity only. A verbose command prints what is logged instead, a quiet one
     nothing.
@@ -319,7 +319,7 @@ def progress(title: str) -> Iterator[rs.Progress | None]:
     with compiling():
         # There is no stream if it was closed before the start (2>&-).
         if level() or sys.stderr is None or not sys.stderr.isatty():
-            yield None
+            yield lambda stage, fraction: None
             return
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn

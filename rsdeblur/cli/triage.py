@@ -112,8 +112,7 @@ def _shown(items: Sequence[Any]) -> Iterator[Any]:
     """Yield items, and show the progress."""
     with progress("triage") as move:
         for i, item in enumerate(items):
-            if move is not None:
-                move(f"{i + 1} of {len(items)}", i / len(items))
+            move(f"{i + 1} of {len(items)}", i / len(items))
             yield item
 
 
