@@ -17,7 +17,6 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import cache
-from importlib.metadata import metadata
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -38,8 +37,8 @@ COMPILING = "compiling once after the installation, which may take a minute; lat
 # Pages of the documentation that help with messages, by what these contain.
 PAGES = {
     r"give --readout-time|readout time is unknown": "readout-times",
-    r"\baxes\b|imu_to_camera|--imu\b": "camera-file#imu_to_camera",
-    r"--gyro('|( and --camera)? missing|$)|unknown gyro log format|no gyro (data|samples)": "formats#gyro-logs",
+    r"\baxes\b|imu_to_camera|--imu\b": "camera-file",
+    r"--gyro('|( and --camera)? missing|$)|unknown gyro log format|no gyro (data|samples)": "formats",
 }
 # Errors that end one of several jobs alone.
 FAILURES = RsdeblurError, click.UsageError, OSError
@@ -137,21 +136,14 @@ def be_verbose(context: click.Context) -> None:
 
 
 def linked(message: str) -> str:
-    """Return a message with the address of the page that helps, once for each page and command."""
+    """Return a message with the page of the documentation that helps, once for each page and command."""
     context = click.get_current_context(silent=True)
     pages = [page for pattern, page in PAGES.items() if re.search(pattern, message)][:1]
     shown: set[str] = set() if context is None else context.meta.setdefault("rsdeblur.pages", set())
     if not pages or pages[0] in shown:
         return message
     shown.add(pages[0])
-    return f"{message.rstrip('.')}; see {_address(*pages[0].partition('#'))}"
-
-
-def _address(page: str, mark: str, anchor: str) -> str:
-    """Return the address of a page of the site that the package's metadata name, otherwise its file in the sources."""
-    urls = (each.split(", ", 1) for each in metadata("rsdeblur").get_all("Project-URL", ()))
-    site = dict(urls).get("Documentation")
-    return f"{site.rstrip('/')}/{page}.html{mark}{anchor}" if site else f"docs/{page}.md"
+    return f"{message.rstrip('.')}; see docs/{pages[0]}.md"
 
 
 def tolerate_output() -> None:
@@ -252,16 +244,6 @@ def _within(key: str | Mapping[str, str], value: Any) -> Any:
     if form == "map":
         return {name: arranged(kind, each) for name, each in value.items()}
     return arranged(kind, value)
-
-
-def described(kind: str, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the path of each stable key of a kind, like ``modes.*.check.verdict``, and its meaning."""
-    for name, key in records()[kind].items():
-        if isinstance(key, str):
-            yield prefix + name, key
-        else:
-            ((form, inner),) = key.items()
-            yield from described(inner, prefix + name + {"list": "[].", "map": ".*.", "record": "."}[form])
 
 
 def print_json(kind: str, facts: Mapping[str, Any]) -> None:
