@@ -16,6 +16,7 @@ from rsdeblur._util.files import check_target
 from rsdeblur.choices import Mode
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._inputs import (
+    Gravity,
     Inputs,
     naming,
     photo_gravity,
@@ -25,7 +26,6 @@ from rsdeblur.cli._inputs import (
     with_axes_of,
     with_offset,
 )
-from rsdeblur.cli._log import Gravity
 from rsdeblur.cli._options import ONE_PHOTO, Recording, flag, refuse_given, require
 from rsdeblur.cli._output import LOG, prepare_folder
 from rsdeblur.pipeline.options import BLUR, Options

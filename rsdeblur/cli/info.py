@@ -11,8 +11,7 @@ import click
 
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import read_captures, read_device
-from rsdeblur.cli._log import accelerometer
+from rsdeblur.cli._inputs import accelerometer, read_captures, read_device
 from rsdeblur.cli._options import READING, Command, Recording, Target
 from rsdeblur.cli._output import linked, say
 from rsdeblur.cli._types import PATH
