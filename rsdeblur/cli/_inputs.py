@@ -314,14 +314,14 @@ def _exposure(recording: Recording, photo: Path | None) -> rs.Exposure:
         start = (0.0 if recording.start == "exif" else recording.start), 0
     if recording.capture is not None:
         if duration is None and None in rs.open_captures(recording.capture, _capture_columns(recording)).durations:
-            duration = photo and _exif(photo).exposure
+            duration = None if photo is None else _exif(photo).exposure
         chosen = _chosen(read_captures(recording, duration), recording)
         start = start or (chosen.start, chosen.epoch_ns)
         duration = chosen.duration if duration is None else duration
     elif recording.index is not None:
         raise _usage("--index needs --capture")
     elif duration is None:
-        duration = photo and _exif(photo).exposure
+        duration = None if photo is None else _exif(photo).exposure
     if start is None or duration is None:
         missing = [
             *(["the start: --capture FILE --index N, --start or --start-ns"] if start is None else []),
