@@ -170,27 +170,29 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool, dry_run: 
     """
     if folder.suffix.lower() in rs.KINDS and not folder.is_dir():
         raise OutputError(f"{folder}: the results are several files, so the output is a folder; give the name of one")
-
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
-    if dry_run and made:
+    if dry_run and not folder.exists():
         return
+    leave_none_empty((folder, *folder.parents))
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         what = "it is a file" if folder.is_file() else error.strerror or error
         raise OutputError(f"{folder}: cannot make the folder: {what}") from error
-    # Workers have no context; their command removes the folders.
-    if (context := click.get_current_context(silent=True)) is not None:
-        context.call_on_close(lambda: _remove_empty(made))
     for name in names:
         check_output(folder / name, force=force)
 
 
-def _remove_empty(folders: Sequence[Path]) -> None:
-    """Remove folders, the innermost first, as long as they are empty."""
-    with suppress(OSError):
-        for folder in folders:
-            folder.rmdir()
+def leave_none_empty(folders: Iterable[Path]) -> None:
+    """Remove the folders that do not exist yet, if they are empty when the command ends; workers leave that to it."""
+    made = sorted({each for each in folders if not each.exists()}, reverse=True)
+
+    def remove() -> None:
+        for each in made:
+            with suppress(OSError):
+                each.rmdir()
+
+    if (context := click.get_current_context(silent=True)) is not None:
+        context.call_on_close(remove)
 
 
 def check_output(path: Path, *, force: bool, suffixes: Sequence[str] = (), kind: str = "") -> None:

@@ -24,6 +24,7 @@ from rsdeblur.cli._output import (
     arranged,
     capture_warnings,
     compiling,
+    leave_none_empty,
     level,
     linked,
     prepare_folder,
@@ -148,8 +149,7 @@ def _deblurred(
             if not _is_done(job, entry, earlier.get(str(job.output), {})):
                 # The first worker speaks for all.
                 tasks.append((i, job, not tasks and level() >= 0))
-    # Folders that do not exist before their items start.
-    folders = {folder for _, job, _ in tasks for folder in job.output.parents if not folder.exists()}
+    leave_none_empty(folder for _, job, _ in tasks for folder in job.output.parents)
     if tasks:
         _write(target, entries)
     try:
@@ -164,10 +164,6 @@ def _deblurred(
                 finished = sum("state" in entry for entry in entries)
                 move(f"{finished} of {len(entries)}", finished / len(entries))
     finally:
-        # A worker cannot remove folders of items that failed, as another may be about to write there.
-        for folder in sorted(folders, reverse=True):
-            with suppress(OSError):
-                folder.rmdir()
         _write(target, entries)
     return entries
 
