@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, OutputError, PsfBank, RsdeblurWarning, read_picture, write_picture
-from rsdeblur._util.atomic import atomic_write, check_target, remove_unfinished
+from rsdeblur._util.files import atomic_write, check_target, remove_unfinished
 from rsdeblur.io import Picture
 from rsdeblur.io.picture_output import picture_to_fill
 
@@ -146,7 +146,7 @@ def test_an_interrupted_command_cleans_up(tmp_path: Path, number: int) -> None:
     # A write that never ends, and prints when it has begun. Its sleep is in short pieces, because a signal that comes
     # just before the system's call does not end it: Python notices it when the call returns.
     code = (
-        "import time, rsdeblur.cli, rsdeblur._util.atomic as atomic\n"
+        "import time, rsdeblur.cli, rsdeblur._util.files as atomic\n"
         "def slow(*_):\n    print('writing', flush=True)\n    while True: time.sleep(0.01)\n"
         "atomic.os.fsync = slow\n"
         "rsdeblur.cli.main()\n"
@@ -167,7 +167,7 @@ def test_an_interrupted_command_cleans_up(tmp_path: Path, number: int) -> None:
 def test_a_command_that_ignores_hangups_goes_on(tmp_path: Path) -> None:
     """As after `nohup`, whose commands must survive their terminal."""
     code = (
-        "import os, signal, rsdeblur.cli, rsdeblur._util.atomic as atomic\n"
+        "import os, signal, rsdeblur.cli, rsdeblur._util.files as atomic\n"
         "atomic.os.fsync = lambda _: os.kill(os.getpid(), signal.SIGHUP)\n"
         "rsdeblur.cli.main()\n"
     )
@@ -273,7 +273,7 @@ class TestNumbaCache:
 # Ends in the middle of a write, as after SIGKILL.
 DIE = """
 import os, sys
-from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.files import atomic_write
 with atomic_write(sys.argv[1]) as file:
     os._exit(0)
 """

@@ -25,7 +25,7 @@ from sphinx.util.nodes import make_refnode
 
 import rsdeblur
 from rsdeblur.cli import main
-from rsdeblur.cli._output import SCHEMA, described, records
+from rsdeblur.cli._output import SCHEMA, records
 
 # Modules for users, beside the names of `rsdeblur` itself, in the order of the package's ladder.
 MODULES = (
@@ -37,8 +37,7 @@ MODULES = (
 
 JSON = """Each command with ``--json`` prints one value, which has ``schema``: {schema}. That number rises when a key of
 this list is removed or changes its meaning. Keys under ``details`` may change. A key with ``?`` may be missing. ``[]``
-is an item of a list, ``*`` a name of a map. The files ``batch.json``, ``compare.json`` and ``triage.json`` are as their
-commands print.
+is an item of a list, ``*`` a name of a map. The files ``batch.json`` and ``compare.json`` are as their commands print.
 """
 
 
@@ -82,6 +81,16 @@ def command_section(context: click.Context, title: str | None = None, line: str 
             parts.append(f"{term}\n   {below.get_short_help_str(200)}\n")
     examples = inspect.cleandoc(command.epilog or "").replace("\b", "").strip()
     return "\n".join([*parts, literal(examples)] if examples else parts)
+
+
+def described(kind: str, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the path of each stable key of a kind, like ``modes.*.check.verdict``, and its meaning."""
+    for name, key in records()[kind].items():
+        if isinstance(key, str):
+            yield prefix + name, key
+        else:
+            ((form, inner),) = key.items()
+            yield from described(inner, prefix + name + {"list": "[].", "map": ".*.", "record": "."}[form])
 
 
 def json_page() -> str:

@@ -1,4 +1,4 @@
-"""Threads that share tasks: a team that a solver keeps, or one for a single call; both work in forked processes."""
+"""Threads that share tasks, in forked processes too: a team that a solver keeps, or one for a single call."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import wraps
 from typing import Any, TypeVar
 from weakref import WeakSet
 
@@ -181,3 +182,20 @@ def held_at_forks(lock: Lock) -> Lock:
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(before=lock.acquire, after_in_parent=lock.release, after_in_child=lock.release)
     return lock
+
+
+def once(compute: Callable[[Any], Result]) -> Callable[[Any], Result]:
+    """Return a getter that computes the value of each object at its first call and keeps it: `@property @once`.
+
+    It takes no lock. `functools.cached_property` of Python 3.11 has one for all objects of a class, so that threads
+    compute one after another, and a process that is forked meanwhile waits for ever.
+    """
+    name = f"_{compute.__name__}_kept"
+
+    @wraps(compute)
+    def kept(self: Any) -> Result:
+        values = vars(self)
+        value: Result = values[name] if name in values else values.setdefault(name, compute(self))
+        return value
+
+    return kept

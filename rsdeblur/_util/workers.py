@@ -44,13 +44,11 @@ def run(
     To stop early, close the iterator (`contextlib.closing`): it ends the workers at once.
     """
     waiting, lost = iter(tasks), lost or (lambda task: None)
-    died = yield from _answers(jobs, work, waiting, lost)
-    while died:
+    while died := (yield from _answers(jobs, work, waiting, lost)):
         # Nobody knows whose process died first: each is tried once more, alone.
         for task in died:
-            for again in (yield from _answers(jobs, work, iter([task]), lost)):
+            for again in (yield from _answers(1, work, iter([task]), lost)):
                 yield again, Failure(DIED)
-        died = yield from _answers(jobs, work, waiting, lost)
 
 
 def _answers(
@@ -131,12 +129,9 @@ def attempt(work: Callable[[Task], Answer], task: Task) -> Answer | Failure:
     try:
         return work(task)
     except (RsdeblurError, OSError) as error:
-        return Failure(_one_line(error))
+        text = str(error)
     except MemoryError:
-        return Failure("not enough memory")
+        text = "not enough memory"
     except Exception as error:  # one task's bug must not stop the others
-        return Failure(f"{type(error).__name__}: {_one_line(error)}")
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
+        text = f"{type(error).__name__}: {error}"
+    return Failure(" ".join(text.split()))

@@ -1,7 +1,6 @@
-"""The local page that deblurs while its sliders move: its server, its handlers, and the solver of a crop."""
+"""The local page that deblurs while its sliders move: its server, and the solver of a crop."""
 
 from rsdeblur.app.crop import Basis, Crop, derive_basis, solve_crop
-from rsdeblur.app.desk import Desk, Engine
 from rsdeblur.app.server import LocalServer, app_page
 
-__all__ = ["Basis", "Crop", "Desk", "Engine", "LocalServer", "app_page", "derive_basis", "solve_crop"]
+__all__ = ["Basis", "Crop", "LocalServer", "app_page", "derive_basis", "solve_crop"]

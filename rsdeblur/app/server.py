@@ -1,4 +1,6 @@
-"""The server of the local page: a token in every address, the loopback interface only, and no access to files.
+"""The server of the local page, and the files that the browser sends.
+
+It has a token in every address, the loopback interface only, and no access to files.
 
 The token keeps other users and programs out. The check of the Host header keeps out pages of the web whose name was
 made to resolve to this machine (DNS rebinding); the check of the Origin header and of the content type keeps out their
@@ -9,20 +11,34 @@ from __future__ import annotations
 
 import hmac
 import json
+import os
+import re
 import secrets
+import shutil
 import socketserver
 import sys
+import threading
+import webbrowser
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from html import escape
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
+from pathlib import Path
 from string import Template
-from typing import Any
+from tempfile import gettempdir, mkdtemp
+from typing import Any, TypeVar
 from urllib.parse import parse_qs
 
-from rsdeblur.errors import InputError, RsdeblurError
+from rsdeblur.errors import InputError, OutputError, RsdeblurError
 from rsdeblur.pipeline.options import Options
 from rsdeblur.report.page import document, part
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 LOOPBACK = "127.0.0.1"
 # Content type and most bytes of a request's body: a form, and a photo or log.
@@ -36,7 +52,10 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
+# Of the names of temporary folders.
+PREFIX = "rsdeblur-app-"
 
+T = TypeVar("T")
 Action = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 Upload = Callable[[str, bytes], Mapping[str, Any]]
 
@@ -204,3 +223,113 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:
         """Print nothing: addresses contain the token."""
+
+
+class Uploads:
+    """Files that the browser sent, each in a folder of its own, so that equal names are different files.
+
+    The folder is removed at the end. What a killed app left behind, the next one removes: a lock marks the folders in
+    use, which cleaners of temporary files respect too.
+    """
+
+    def __init__(self) -> None:
+        _remove_abandoned()
+        self._making = threading.Lock()
+        self._make()
+
+    def _make(self) -> None:
+        self._folder, self._lock = Path(mkdtemp(prefix=PREFIX)), None
+        # Another app that starts may remove the folder before it is locked; `fill` makes another one.
+        with suppress(OSError):
+            self._lock = _locked(self._folder)
+
+    def close(self) -> None:
+        """Remove the files."""
+        shutil.rmtree(self._folder, ignore_errors=True)
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def keep(self, name: str, content: bytes) -> Path:
+        """Write a file, and return its path, which has the last part of `name`."""
+        # Without anything that a system treats specially.
+        clean = "".join(c for c in name.replace("\\", "/").rpartition("/")[2] if c.isprintable() and c not in '<>:"|?*')
+        if not clean.strip(". ") or len(clean.encode()) > 200:
+            raise InputError("the file has no usable name; rename it")
+
+        def write(folder: Path) -> Path:
+            path = folder / clean
+            path.write_bytes(content)
+            return path
+
+        return self.fill(clean, write)
+
+    def fill(self, what: str, write: Callable[[Path], T]) -> T:
+        """Return what `write` returns for a new folder, which is removed if it fails; `what` names its content."""
+        folder = None
+        try:
+            with self._making:
+                if not self._folder.is_dir():  # somebody has cleaned up
+                    self.close()
+                    self._make()
+            folder = Path(mkdtemp(dir=self._folder))
+            return write(folder)
+        except BaseException as error:
+            if folder is not None:
+                shutil.rmtree(folder, ignore_errors=True)
+            if not isinstance(error, OSError):
+                raise
+            reason = error.strerror or plain(str(error))
+            raise OutputError(
+                f"{what}: cannot write to the temporary folder {gettempdir()}: {reason}; free space there, or set "
+                "TMPDIR to another folder and start the app again"
+            ) from error
+
+    def has(self, path: Path) -> bool:
+        """Return whether a path leads to one of the files."""
+        return path.is_relative_to(self._folder)
+
+    def browse(self, address: str) -> None:
+        """Open `address` in a browser, through a file that only this user can read, and return at once.
+
+        The system shows the arguments of a browser to every user, so `address`, with its token, must not be one.
+        """
+        path = self._folder / "open.html"
+        url = escape(address)
+        page = f'<meta http-equiv="refresh" content="0; url={url}"><a href="{url}">rsdeblur app</a>\n'
+        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+            file.write(f'<!doctype html><meta charset="utf-8"><title>rsdeblur app</title>{page}')
+        # Some browsers return only when they are closed.
+        threading.Thread(target=_browse, args=(path.as_uri(),), daemon=True).start()
+
+
+def plain(text: str) -> str:
+    """Return a text in which files that the browser sent have the names that the user knows."""
+    return re.sub(rf"{re.escape(str(Path(gettempdir()) / PREFIX))}[^/\\]+[/\\][^/\\]+[/\\]", "", text)
+
+
+def _browse(address: str) -> None:
+    with suppress(webbrowser.Error, OSError):
+        webbrowser.open(address)
+
+
+def _locked(folder: Path) -> int | None:
+    """Return a descriptor that locks a folder until it is closed; None without such locks. OSError: it is in use."""
+    if fcntl is None:
+        return None
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def _remove_abandoned() -> None:
+    """Remove the folders that no app has locked; those of other users cannot be opened."""
+    for folder in Path(gettempdir()).glob(f"{PREFIX}*"):
+        with suppress(OSError):
+            if (lock := _locked(folder)) is not None:
+                shutil.rmtree(folder, ignore_errors=True)
+                os.close(lock)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rsdeblur._util.once import once
+from rsdeblur._util.threads import once
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import HighlightSplit

@@ -6,8 +6,6 @@ from rsdeblur._util.memory import keep as keep
 from rsdeblur._util.threads import thread_count as thread_count
 from rsdeblur._util.workers import Failure as Failure
 from rsdeblur._util.workers import run as run
-from rsdeblur.app import Desk as Desk
-from rsdeblur.app import Engine as Engine
 from rsdeblur.app import LocalServer as LocalServer
 from rsdeblur.app import app_page as app_page
 from rsdeblur.burst.burst import MOST_FRAMES as MOST_FRAMES
@@ -19,6 +17,7 @@ from rsdeblur.calibration.clip import calibrate as calibrate
 from rsdeblur.calibration.flicker import measure_flicker as measure_flicker
 from rsdeblur.calibration.matches import LONGEST_STEP as LONGEST_STEP
 from rsdeblur.calibration.photos import calibrate_photos as calibrate_photos
+from rsdeblur.cli._desk import Desk as Desk
 from rsdeblur.estimate.time_offset import OffsetSearch as OffsetSearch
 from rsdeblur.estimate.time_offset import find_time_offset as find_time_offset
 from rsdeblur.image.encoded import as_float as as_float
@@ -92,8 +91,11 @@ from rsdeblur.report import psf_map as psf_map
 from rsdeblur.report import side_by_side as side_by_side
 from rsdeblur.report.drawings import bank_data as bank_data
 from rsdeblur.report.drawings import picture_uris as picture_uris
+from rsdeblur.report.facts import accelerometer as accelerometer
 from rsdeblur.report.facts import calibration_facts as calibration_facts
+from rsdeblur.report.facts import camera_facts as camera_facts
 from rsdeblur.report.facts import clip_facts as clip_facts
+from rsdeblur.report.facts import describe as describe
 from rsdeblur.report.facts import offset_facts as offset_facts
 from rsdeblur.report.facts import plain as plain
 from rsdeblur.report.facts import readout_data as readout_data
@@ -102,9 +104,6 @@ from rsdeblur.report.facts import remarks as remarks
 from rsdeblur.report.facts import result_facts as result_facts
 from rsdeblur.report.facts import similarity as similarity
 from rsdeblur.report.facts import summary as summary
-from rsdeblur.report.files import accelerometer as accelerometer
-from rsdeblur.report.files import camera_facts as camera_facts
-from rsdeblur.report.files import describe as describe
 from rsdeblur.report.page import Page as Page
 from rsdeblur.report.page import mode_table as mode_table
 from rsdeblur.report.page import write_batch_page as write_batch_page
@@ -126,6 +125,5 @@ from rsdeblur.video.encode import Encoding as Encoding
 from rsdeblur.video.encode import check_output as check_output
 from rsdeblur.video.encode import container_of as container_of
 from rsdeblur.video.encode import deblur_video as deblur_video
-from rsdeblur.video.encode import estimated_seconds as estimated_seconds
 from rsdeblur.video.plan import ClipPlan as ClipPlan
 from rsdeblur.video.plan import plan_clip as plan_clip

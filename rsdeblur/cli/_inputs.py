@@ -1,32 +1,37 @@
-"""Reading of the picture, the log, the camera and the exposure that the options name."""
+"""Reading of the picture, the log, the camera and the exposure that the options name.
+
+The direction of gravity in the log shows wrong axes of the camera.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 
+from rsdeblur._util.files import FileState, file_state
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.cli import _engine as rs
-from rsdeblur.cli._log import (
-    Gravity,
-    bottom_of_clip,
-    bottom_of_photo,
-    gravity_of,
-    known_log,
-    read_log,
-    warn_of_axes,
-)
 from rsdeblur.cli._options import ONE_OF_MANY, Recording, flag, refuse_given
-from rsdeblur.cli._output import LOG, printable, progress, warn
+from rsdeblur.cli._output import LOG, capture_warnings, printable, progress, warn
 from rsdeblur.errors import CoverageError, FileFormatError, InputError
 
 # Frames by which telemetry and video may differ.
 MOST_MISSING = 2
+# Angle (rad) from which gravity does not point to the bottom of a picture, and that from which it points to its top.
+ASIDE, TOP = math.radians(50), math.radians(130)
+# Apps of the rear camera, whose accelerometers show the same sign on all devices. Raw values of iOS have the opposite
+# one, which looks like a picture upside down.
+REAR = "mars", "deepgyro"
+# Where the bottom of the viewed picture is in the stored one, for each orientation in EXIF that does not mirror: angle
+# (rad) from its bottom towards its right.
+BOTTOMS = {1: 0.0, 3: math.pi, 6: math.pi / 2, 8: -math.pi / 2}
 
 
 class Inputs(NamedTuple):
@@ -49,17 +54,16 @@ def with_exif(recording: Recording, photo: Path) -> Recording:
     """Return the recording with what a photo's EXIF block gives where no option does: the camera, and the moment."""
     start = recording.start
     if all(each is None for each in (recording.capture, start, recording.start_ns)):
-        exif = rs.Exif(rs.read_header(photo)[2])
         with suppress(InputError):
-            rs.capture_time(exif, photo.stem)
+            rs.capture_time(_exif(photo), photo.stem)
             start = "exif"
     return replace(recording, camera=recording.camera or photo, start=start)
 
 
 def photo_gravity(photo: Path, inputs: Inputs, recording: Recording) -> Gravity:
     """Return the direction of gravity in a photo; warn where it contradicts the camera's axes."""
-    bottom = bottom_of_photo(inputs.picture.exif)
-    return gravity_of(photo, bottom, recording, inputs.camera, [inputs.exposure])
+    bottom = BOTTOMS.get(rs.Exif(inputs.picture.exif).orientation)
+    return _gravity_of(photo, bottom, recording, inputs.camera, [inputs.exposure])
 
 
 def with_axes_of(gravity: Gravity, inputs: Inputs, photo: Path) -> Inputs:
@@ -132,11 +136,10 @@ def read_recording(recording: Recording, photo: Path | None = None) -> tuple[rs.
     log, camera = read_device(recording)
     _refuse_longer(recording.duration, log.span[1] - log.span[0], recording.gyro)
     if recording.start == "exif":
-        exif = _exif(photo)
-        if photo is None or exif is None:
+        if photo is None:
             raise _usage("--start exif needs a photo")
         with naming(photo, recording):
-            exposure = replace(exposure, epoch_ns=rs.on_clock_of(rs.capture_time(exif, photo.stem), log))
+            exposure = replace(exposure, epoch_ns=rs.on_clock_of(rs.capture_time(_exif(photo), photo.stem), log))
     sd = f" ± {1e3 * camera.readout_sd:.2g}" if camera.readout_sd else ""
     readout = f"readout {1e3 * camera.readout_time:.3g}{sd} ms {camera.readout_direction}"
     LOG.info(
@@ -157,10 +160,139 @@ def read_device(recording: Recording) -> tuple[rs.GyroLog, rs.Camera]:
     overrides = {"time_offset": recording.time_offset, "readout_time": recording.readout_time}
     camera = camera_file.with_overrides(**overrides, focal_length=focal_length).warn(recording.camera)
     file = read_log(recording)
-    warn_of_axes(file, camera, recording)
+    _warn_of_axes(file, camera, recording)
     first, last = file.log.span
     LOG.info(f"log: {file.format}, {len(file.log)} samples at {file.log.rate:.1f} Hz, {first:.3f} to {last:.3f} s")
     return file.log, camera
+
+
+def read_log(recording: Recording) -> rs.GyroFile:
+    """Read the log that the options name, without its bias, and show its warnings.
+
+    The last log is kept: a long one takes longer than deblurring a photo.
+    """
+    file, messages = _known_log(recording)
+    for message in messages:
+        warn(message)
+    return file if recording.bias is None else replace(file, log=file.log.minus_bias(recording.bias))
+
+
+def _known_log(recording: Recording) -> tuple[rs.GyroFile, list[str]]:
+    """Return the log with its bias, and the warnings of its reader."""
+    columns = rs.choice_for("gyro log", recording.columns)
+    reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate, columns
+    return _gyro_file(recording.gyro, file_state(recording.gyro), *reading)
+
+
+@lru_cache(maxsize=1)
+def _gyro_file(
+    path: Path,
+    _: FileState,
+    format: str | None,
+    unit: str | None,
+    orientation: str | None,
+    rate: float | None,
+    columns: str | None,
+) -> tuple[rs.GyroFile, list[str]]:
+    with capture_warnings(show=False) as messages:
+        file = rs.open_gyro(path, format, unit=unit, orientation=orientation, rate=rate, columns=columns)
+        return file, messages
+
+
+def accelerometer(path: Path, columns: str | None) -> rs.AccelerationLog | None:
+    """Return the accelerometer's samples in a gyro log; None if there are none that can be read."""
+    return _acceleration(path, file_state(path), columns)
+
+
+@lru_cache(maxsize=1)
+def _acceleration(path: Path, _: FileState, columns: str | None) -> rs.AccelerationLog | None:
+    return rs.accelerometer(path, columns)
+
+
+def _warn_of_axes(file: rs.GyroFile, camera: rs.Camera, recording: Recording) -> None:
+    """Warn if the camera file contradicts the axes of the log, where those are known."""
+    import numpy as np
+
+    problems = []
+    if file.axes == "phone" and camera.readout_time == 0:
+        problems.append(
+            f"the readout time is 0, as of a global shutter, but {recording.gyro} is the log of a phone, whose shutter "
+            "rolls; give --readout-time"
+        )
+    given = None
+    if np.array_equal(camera.imu_to_camera, np.eye(3)):
+        given = "the identity"
+    elif file.axes == "gyroflow" and np.array_equal(camera.imu_to_camera, rs.imu_to_camera("phone-portrait")):
+        given = "that of a phone's axes"
+    if given is not None and file.axes != "sensor":
+        expected = "phone-portrait or phone-landscape" if file.axes == "phone" else "gyroflow"
+        problems.append(
+            f"imu_to_camera is {given}, but {recording.gyro} is in {file.axes} axes; it should be {expected}"
+        )
+    for problem in problems:
+        warn(f"{recording.camera}: {problem}")
+
+
+class Gravity(NamedTuple):
+    """Whether gravity points to the bottom of the picture, or elsewhere; neither where the direction is unknown.
+
+    `fits` are names of axes with which it points to the bottom, where those of the camera cannot be right.
+    """
+
+    confirms: bool = False
+    contradicts: bool = False
+    fits: tuple[str, ...] = ()
+
+
+def _gravity_of(
+    picture: Path, bottom: float | None, recording: Recording, camera: rs.Camera, exposures: Sequence[rs.Exposure]
+) -> Gravity:
+    """Return where the log's accelerometer sees gravity in a picture, or on average in frames of a video.
+
+    Warn where that contradicts the camera's axes.
+    `bottom` is where the bottom of the viewed picture is in the stored one, rad.
+    """
+    # Other axes than those of the file are the user's, and the accelerometer is read in those of the file.
+    log = None if bottom is None or recording.orientation else accelerometer(recording.gyro, recording.columns)
+    # Those of 16 frames of a clip, spread over it: a camera in motion tilts and turns.
+    exposures = exposures[:: -(-len(exposures) // 16)]
+    if log is None or bottom is None:
+        return Gravity()
+    angle = _turn(log, camera, exposures, bottom)
+    file, _ = _known_log(recording)
+    # Cameras of phones look along their z axis, within 45 degrees, those on the back towards its negative end.
+    forward = camera.imu_to_camera[2, 2] if file.axes == "phone" else -1.0
+    if abs(forward) < 0.7:
+        doubt = f"the camera would look along an edge of the phone that logged {recording.gyro}"
+    elif forward > 0 and file.format in REAR:
+        doubt = f"the camera would look towards the user of the app that logged {recording.gyro}"
+    elif angle is None or abs(angle) < ASIDE:
+        return Gravity(confirms=angle is not None)
+    elif abs(angle) > TOP and file.format not in REAR:
+        return Gravity()
+    else:
+        side = "top" if abs(angle) > TOP else "right" if angle > 0 else "left"
+        doubt = f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {picture}"
+    fits = tuple(
+        name
+        for name in rs.PRESETS
+        if (file.axes == "sensor" or name.startswith(file.axes))
+        and (turn := _turn(log, replace(camera, imu_to_camera=rs.imu_to_camera(name)), exposures, bottom)) is not None
+        and abs(turn) < ASIDE
+    )
+    warn(
+        f"{doubt}: if the picture is viewed upright, imu_to_camera in {recording.camera} is wrong"
+        + (f" ({' or '.join(fits)} fits)" if fits else "")
+    )
+    return Gravity(contradicts=True, fits=fits)
+
+
+def _turn(log: rs.AccelerationLog, camera: rs.Camera, exposures: Sequence[rs.Exposure], bottom: float) -> float | None:
+    """Return the mean angle from the bottom of the viewed picture to gravity, from -pi to pi; None if it is unknown."""
+    angles = [angle for each in exposures if (angle := log.gravity_angle(camera, each)) is not None]
+    if not angles:
+        return None
+    return math.remainder(math.atan2(sum(map(math.sin, angles)), sum(map(math.cos, angles))) - bottom, math.tau)
 
 
 def read_captures(recording: Recording, duration: float | None) -> list[rs.Exposure]:
@@ -184,14 +316,14 @@ def _exposure(recording: Recording, photo: Path | None) -> rs.Exposure:
         start = (0.0 if recording.start == "exif" else recording.start), 0
     if recording.capture is not None:
         if duration is None and None in rs.open_captures(recording.capture, _capture_columns(recording)).durations:
-            duration = _exif_exposure(photo)
+            duration = None if photo is None else _exif(photo).exposure
         chosen = _chosen(read_captures(recording, duration), recording)
         start = start or (chosen.start, chosen.epoch_ns)
         duration = chosen.duration if duration is None else duration
     elif recording.index is not None:
         raise _usage("--index needs --capture")
     elif duration is None:
-        duration = _exif_exposure(photo)
+        duration = None if photo is None else _exif(photo).exposure
     if start is None or duration is None:
         missing = [
             *(["the start: --capture FILE --index N, --start or --start-ns"] if start is None else []),
@@ -204,13 +336,8 @@ def _exposure(recording: Recording, photo: Path | None) -> rs.Exposure:
         raise _usage(f"the exposure: {error}") from error
 
 
-def _exif(photo: Path | None) -> rs.Exif | None:
-    return None if photo is None else rs.Exif(rs.read_header(photo)[2])
-
-
-def _exif_exposure(photo: Path | None) -> float | None:
-    exif = _exif(photo)
-    return None if exif is None else exif.exposure
+def _exif(photo: Path) -> rs.Exif:
+    return rs.Exif(rs.read_header(photo)[2])
 
 
 def _chosen(captures: list[rs.Exposure], recording: Recording) -> rs.Exposure:
@@ -233,7 +360,11 @@ def read_clip(path: Path, recording: Recording) -> tuple[rs.Clip, rs.GyroLog, rs
     log, camera = read_device(recording)
     clip = rs.open_clip(path)
     exposures = clip_exposures(clip, recording)
-    gravity_of(clip.path, bottom_of_clip(clip.matrix), recording, camera, exposures)
+    bottom: float | None = 0.0  # without a display matrix, viewers do not turn the frames
+    if clip.matrix is not None:
+        (a, b), (c, d) = clip.matrix[:2], clip.matrix[3:5]
+        bottom = math.atan2(b, d) if a * d - b * c > 0 else None
+    _gravity_of(clip.path, bottom, recording, camera, exposures)
     return clip, log, camera, exposures
 
 
@@ -313,7 +444,7 @@ def _start_hint(recording: Recording) -> str:
     """Return a question, after a semicolon, if a start in another unit, or counted from the log's, lies in the log."""
     if recording.capture is not None or recording.start == "exif":
         return ""
-    log = known_log(recording)[0].log
+    log = _known_log(recording)[0].log
     first, last = (log.epoch_ns * 1e-9 + t for t in log.span)
     start = recording.start or 0.0
     if recording.start_ns is not None:

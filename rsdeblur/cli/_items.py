@@ -38,12 +38,6 @@ class Item:
     recording: Recording | None
     error: str | None = None
 
-    @property
-    def inputs(self) -> list[Path]:
-        """The files that the item reads."""
-        own = (getattr(self.recording, name) for name in FILES) if self.recording else ()
-        return [self.photo, *(path for path in own if path is not None)]
-
 
 def read_items(sources: Sequence[Path], defaults: Recording, output: Path, *, unpack: bool = False) -> list[Item]:
     """Return the items of a manifest or of a session, in its order, or of several photos.
@@ -52,7 +46,13 @@ def read_items(sources: Sequence[Path], defaults: Recording, output: Path, *, un
     """
     start = None if defaults.start == "exif" else defaults.start
     refuse_given(ONE_OF_MANY, index=defaults.index, start=start, start_ns=defaults.start_ns)
-    _check_shared(defaults)
+    # Wrong files that all photos would share are refused once, instead of for every photo.
+    if defaults.gyro is not None and defaults.gyro_format is None and defaults.columns is None:
+        rs.detect_gyro_format(defaults.gyro)
+    if defaults.camera is not None:
+        rs.detect_camera_format(defaults.camera)
+    if defaults.capture is not None:
+        rs.open_captures(defaults.capture, rs.choice_for("capture file", defaults.columns))
     if len(sources) > 1:
         items = list(_named(sources, defaults))
     elif sources[0].is_dir():
@@ -63,18 +63,9 @@ def read_items(sources: Sequence[Path], defaults: Recording, output: Path, *, un
         items = list(_session(rs.unpacked(sources[0], output), defaults, output))
     else:
         items = list(_manifest(sources[0], defaults))
-    places = _places([*sources, *(path for item in items for path in item.inputs)])
-    return list(_without_clashes(items, output, places))
-
-
-def _check_shared(defaults: Recording) -> None:
-    """Refuse wrong files that all photos would share, once instead of for every photo."""
-    if defaults.gyro is not None and defaults.gyro_format is None and defaults.columns is None:
-        rs.detect_gyro_format(defaults.gyro)
-    if defaults.camera is not None:
-        rs.detect_camera_format(defaults.camera)
-    if defaults.capture is not None:
-        rs.open_captures(defaults.capture, rs.choice_for("capture file", defaults.columns))
+    inputs = [*sources, *(item.photo for item in items)]
+    inputs += [getattr(item.recording, name) for item in items for name in FILES if item.recording]
+    return list(_without_clashes(items, output, _places(path for path in inputs if path is not None)))
 
 
 def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[tuple[int, ...]]) -> Iterator[Item]:
@@ -112,9 +103,8 @@ def _session(folder: Path, defaults: Recording, output: Path) -> Iterator[Item]:
         capture = rs.capture_file_in([path for path in files if path != gyro])
     if defaults.start == "exif" or capture is None:
         # The photos of a camera app, beside a log: their EXIF blocks give what is missing.
-        defaults = replace(defaults, start="exif")
         for path in photos:
-            yield _item(path, result_name(path.relative_to(folder)), known, defaults)
+            yield _item(path, result_name(path.relative_to(folder)), {**known, "start": "exif"}, defaults)
         return
     columns = rs.choice_for("capture file", defaults.columns)
     matched = rs.indices_of(photos, capture, numbered_from=defaults.numbered_from, columns=columns)
@@ -123,35 +113,31 @@ def _session(folder: Path, defaults: Recording, output: Path) -> Iterator[Item]:
             f"{folder}: the names of the {len(photos)} photos contain neither timestamps nor frame numbers, so their "
             "exposures are unknown; list them in a manifest with the columns photo,index, or give --start exif"
         )
-    yield from _numbered(matched, folder, {**known, "capture": capture}, defaults)
+    for photo in matched:
+        yield _numbered(photo, photo.path.relative_to(folder), {**known, "capture": capture}, defaults)
 
 
 def _named(photos: Sequence[Path], defaults: Recording) -> Iterator[Item]:
     """Return items of photos that share a log; their results have their names."""
-    if defaults.start == "exif" or (defaults.capture is None and defaults.start is None):
-        for path in photos:
-            yield _item(path, Path(result_name(path).name), {"start": "exif"}, defaults)
-    elif defaults.capture is None:
+    if defaults.capture is None and defaults.start not in (None, "exif"):
         raise click.UsageError(
             f"{len(photos)} photos, but one exposure; leave out --start for times from EXIF, or give --capture with "
             "photos named after their timestamps or frame numbers"
         )
-    else:
-        columns = rs.choice_for("capture file", defaults.columns)
-        numbered = rs.indices_of(list(photos), defaults.capture, numbered_from=defaults.numbered_from, columns=columns)
-        yield from _numbered(numbered, None, {}, defaults)
+    if defaults.capture is None or defaults.start == "exif":
+        for path in photos:
+            yield _item(path, Path(result_name(path).name), {"start": "exif"}, defaults)
+        return
+    columns = rs.choice_for("capture file", defaults.columns)
+    for photo in rs.indices_of(list(photos), defaults.capture, numbered_from=defaults.numbered_from, columns=columns):
+        yield _numbered(photo, Path(photo.path.name), {}, defaults)
 
 
-def _numbered(
-    photos: Iterable[rs.SessionPhoto], folder: Path | None, known: Mapping[str, Any], defaults: Recording
-) -> Iterator[Item]:
-    """Return items of photos whose names give their exposures; results have their places in the folder, or names."""
-    for photo in photos:
-        place = result_name(Path(photo.path.name) if folder is None else photo.path.relative_to(folder))
-        if photo.error is not None:
-            yield Item(photo.path, place, None, f"{photo.path}: {photo.error}")
-        else:
-            yield _item(photo.path, place, {**known, "index": photo.index}, defaults)
+def _numbered(photo: rs.SessionPhoto, place: Path, known: Mapping[str, Any], defaults: Recording) -> Item:
+    """Return the item of a photo whose name gives its exposure."""
+    if photo.error is not None:
+        return Item(photo.path, result_name(place), None, f"{photo.path}: {photo.error}")
+    return _item(photo.path, result_name(place), {**known, "index": photo.index}, defaults)
 
 
 def _manifest(path: Path, defaults: Recording) -> Iterator[Item]:
@@ -214,19 +200,16 @@ def _row(path: Path, line: int, head: list[str], row: list[str], defaults: Recor
         for name, cell in zip(head, map(str.strip, row), strict=True):
             if cell and name != "photo":
                 cells[name] = _converted(name, cell)
-        result = cells.pop("output", None) or result_name(_inside(photo, path.parent))
+        inside = photo.relative_to(path.parent) if photo.is_relative_to(path.parent) else photo
+        # Photos elsewhere have results in the output folder.
+        inside = Path(photo.name) if inside.anchor or ".." in inside.parts else inside
+        result = cells.pop("output", None) or result_name(inside)
         if result.anchor or ".." in result.parts:
             raise ValueError(f"output: {result} leads out of the output folder; give a path relative to that folder")
         files = {name: path.parent / cells[name] for name in FILES if name in cells}
         return _item(photo, result, cells | files, defaults)
     except ValueError as error:
         return Item(photo, Path(f"line {line}"), None, f"{path}, line {line}: {error}")
-
-
-def _inside(photo: Path, folder: Path) -> Path:
-    """Return the path of a photo relative to `folder`, or its name alone if it lies elsewhere."""
-    relative = photo.relative_to(folder) if photo.is_relative_to(folder) else photo
-    return Path(photo.name) if relative.anchor or ".." in relative.parts else relative
 
 
 def _converted(name: str, cell: str) -> Any:

@@ -11,22 +11,19 @@ import json
 import logging
 import re
 import sys
-import time
 import tomllib
 import unicodedata
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import cache
-from importlib.metadata import metadata
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import click
 
-from rsdeblur._util.atomic import atomic_write, check_target
-from rsdeblur._util.files import file_state
+from rsdeblur._util.files import atomic_write, check_target, file_state
 from rsdeblur.cli import _engine as rs
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 
@@ -40,8 +37,8 @@ COMPILING = "compiling once after the installation, which may take a minute; lat
 # Pages of the documentation that help with messages, by what these contain.
 PAGES = {
     r"give --readout-time|readout time is unknown": "readout-times",
-    r"\baxes\b|imu_to_camera|--imu\b": "camera-file#imu_to_camera",
-    r"--gyro('|( and --camera)? missing|$)|unknown gyro log format|no gyro (data|samples)": "formats#gyro-logs",
+    r"\baxes\b|imu_to_camera|--imu\b": "camera-file",
+    r"--gyro('|( and --camera)? missing|$)|unknown gyro log format|no gyro (data|samples)": "formats",
 }
 # Errors that end one of several jobs alone.
 FAILURES = RsdeblurError, click.UsageError, OSError
@@ -133,27 +130,20 @@ def be_verbose(context: click.Context) -> None:
     """Print what is logged, until the command ends."""
     handler, before = _Lines(), LOG.level
     LOG.addHandler(handler)
-    LOG.setLevel(logging.INFO)
+    LOG.setLevel(logging.DEBUG)
     context.call_on_close(lambda: LOG.removeHandler(handler))
     context.call_on_close(lambda: LOG.setLevel(before))
 
 
 def linked(message: str) -> str:
-    """Return a message with the address of the page that helps, once for each page and command."""
+    """Return a message with the page of the documentation that helps, once for each page and command."""
     context = click.get_current_context(silent=True)
     pages = [page for pattern, page in PAGES.items() if re.search(pattern, message)][:1]
     shown: set[str] = set() if context is None else context.meta.setdefault("rsdeblur.pages", set())
     if not pages or pages[0] in shown:
         return message
     shown.add(pages[0])
-    return f"{message.rstrip('.')}; see {_address(*pages[0].partition('#'))}"
-
-
-def _address(page: str, mark: str, anchor: str) -> str:
-    """Return the address of a page of the site that the package's metadata name, otherwise its file in the sources."""
-    urls = (each.split(", ", 1) for each in metadata("rsdeblur").get_all("Project-URL", ()))
-    site = dict(urls).get("Documentation")
-    return f"{site.rstrip('/')}/{page}.html{mark}{anchor}" if site else f"docs/{page}.md"
+    return f"{message.rstrip('.')}; see docs/{pages[0]}.md"
 
 
 def tolerate_output() -> None:
@@ -180,27 +170,29 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool, dry_run: 
     """
     if folder.suffix.lower() in rs.KINDS and not folder.is_dir():
         raise OutputError(f"{folder}: the results are several files, so the output is a folder; give the name of one")
-
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
-    if dry_run and made:
+    if dry_run and not folder.exists():
         return
+    leave_none_empty((folder, *folder.parents))
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         what = "it is a file" if folder.is_file() else error.strerror or error
         raise OutputError(f"{folder}: cannot make the folder: {what}") from error
-    # Workers have no context; their command removes the folders.
-    if (context := click.get_current_context(silent=True)) is not None:
-        context.call_on_close(lambda: _remove_empty(made))
     for name in names:
         check_output(folder / name, force=force)
 
 
-def _remove_empty(folders: Sequence[Path]) -> None:
-    """Remove folders, the innermost first, as long as they are empty."""
-    with suppress(OSError):
-        for folder in folders:
-            folder.rmdir()
+def leave_none_empty(folders: Iterable[Path]) -> None:
+    """Remove the folders that do not exist yet, if they are empty when the command ends; workers leave that to it."""
+    made = sorted({each for each in folders if not each.exists()}, reverse=True)
+
+    def remove() -> None:
+        for each in made:
+            with suppress(OSError):
+                each.rmdir()
+
+    if (context := click.get_current_context(silent=True)) is not None:
+        context.call_on_close(remove)
 
 
 def check_output(path: Path, *, force: bool, suffixes: Sequence[str] = (), kind: str = "") -> None:
@@ -256,16 +248,6 @@ def _within(key: str | Mapping[str, str], value: Any) -> Any:
     return arranged(kind, value)
 
 
-def described(kind: str, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the path of each stable key of a kind, like ``modes.*.check.verdict``, and its meaning."""
-    for name, key in records()[kind].items():
-        if isinstance(key, str):
-            yield prefix + name, key
-        else:
-            ((form, inner),) = key.items()
-            yield from described(inner, prefix + name + {"list": "[].", "map": ".*.", "record": "."}[form])
-
-
 def print_json(kind: str, facts: Mapping[str, Any]) -> None:
     """Print facts as JSON of a kind."""
     click.echo(_json(kind, facts))
@@ -298,19 +280,6 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(table)
 
 
-def _stages(title: str) -> rs.Progress:
-    """Return a function of progress that logs when a stage begins."""
-    begin, last = time.perf_counter(), ""
-
-    def move(stage: str, _: float) -> None:
-        nonlocal last
-        if stage != last:
-            LOG.info("%s: %s, %.2f s after the start", title, stage, time.perf_counter() - begin)
-        last = stage
-
-    return move
-
-
 def compiling() -> AbstractContextManager[Callable[[], float]]:
     """Return a context that says, once for each command, that functions are compiled."""
     context = click.get_current_context(silent=True)
@@ -325,16 +294,16 @@ def compiling() -> AbstractContextManager[Callable[[], float]]:
 
 
 @contextmanager
-def progress(title: str) -> Iterator[rs.Progress | None]:
-    """Show a progress bar on a terminal; yield the function that moves it, or None if stderr is not a terminal.
+def progress(title: str) -> Iterator[rs.Progress]:
+    """Show a progress bar if stderr is a terminal; yield the function that moves it.
 
-    Until its first move, the bar shows activity only. A verbose command prints a line for each stage instead, a quiet
-    one nothing.
+    Until its first move, the bar shows activity only. A verbose command prints what is logged instead, a quiet one
+    nothing.
     """
     with compiling():
         # There is no stream if it was closed before the start (2>&-).
         if level() or sys.stderr is None or not sys.stderr.isatty():
-            yield _stages(title) if level() > 0 else None
+            yield lambda stage, fraction: None
             return
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn

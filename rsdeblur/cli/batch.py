@@ -14,8 +14,7 @@ from typing import Any
 
 import click
 
-from rsdeblur._util.atomic import remove_unfinished
-from rsdeblur._util.files import file_state, read_file
+from rsdeblur._util.files import file_state, read_file, remove_unfinished
 from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
@@ -25,6 +24,7 @@ from rsdeblur.cli._output import (
     arranged,
     capture_warnings,
     compiling,
+    leave_none_empty,
     level,
     linked,
     prepare_folder,
@@ -76,16 +76,9 @@ Examples:
     default=lambda sources, **_: _options.beside(sources[0] if len(sources) == 1 else sources[0].parent, SHARP),
     more=("dry_run", "report"),
 )
-def command(
-    sources: tuple[Path, ...],
-    recording: Recording,
-    options: Options,
-    refine: bool | None,
-    jobs: int | None,
-    target: Target,
-) -> None:
+def command(**arguments: Any) -> None:
     """Deblur many photos."""
-    run(sources, recording, options, refine, target, jobs)
+    run(**arguments)
 
 
 def run(
@@ -104,22 +97,20 @@ def run(
     jobs, threads = shared_threads(jobs, options.threads)
     earlier = _earlier(target.output / BATCH)
     prepare_folder(target.output, [BATCH], force=target.force or earlier is not None, dry_run=target.dry_run)
-    batch = _Batch(target, items, earlier or {})
     begin = time.perf_counter()
-    batch.run(replace(options, threads=threads), bool(refine), jobs)
-    summary = batch.summary() | {"seconds": time.perf_counter() - begin}
+    entries = _deblurred(items, replace(options, threads=threads), bool(refine), target, earlier or {}, jobs)
     if target.report is not None and not target.dry_run:
-        rs.write_batch_page(
-            target.report, batch.entries, title=sources[0].name if len(sources) == 1 else f"{len(sources)} photos"
-        )
+        title = sources[0].name if len(sources) == 1 else f"{len(sources)} photos"
+        rs.write_batch_page(target.report, entries, title=title)
+    summary = _summary(entries) | {"seconds": time.perf_counter() - begin}
     if target.as_json:
         print_json("batch", summary)
     else:
         _print(summary, target)
-    for entry in batch.entries:
-        if "error" in entry:
-            say_aside(f"error: {linked(entry['error'])}")
-    if any("error" in entry for entry in batch.entries):
+    errors = [entry["error"] for entry in entries if "error" in entry]
+    for error in errors:
+        say_aside(f"error: {linked(error)}")
+    if errors:
         click.get_current_context().exit(3)
 
 
@@ -135,96 +126,81 @@ def _earlier(path: Path) -> dict[str, Any] | None:
         return None
 
 
-class _Batch:
-    """A batch in progress: `entries` are what is known about each item; those that are finished have a state."""
+def _deblurred(
+    items: list[Item], options: Options, refine_anyway: bool, target: Target, earlier: dict[str, Any], jobs: int
+) -> list[dict[str, Any]]:
+    """Deblur the photos that are not done yet, and return what is known about each; the finished ones have a state."""
+    entries: list[dict[str, Any]] = [{"photo": str(item.photo)} for item in items]
+    tasks: list[tuple[int, PhotoJob, bool]] = []
+    for i, (item, entry) in enumerate(zip(items, entries, strict=True)):
+        with _as_row(entry):
+            if item.recording is None or item.error is not None:
+                raise InputError(item.error or "no recording")
+            job = PhotoJob(
+                photo=item.photo,
+                recording=item.recording,
+                output=target.output / item.output,
+                force=target.force,
+                dry_run=target.dry_run,
+                make_folder=True,
+                options=options,
+                refine_anyway=refine_anyway,
+            )
+            if not _is_done(job, entry, earlier.get(str(job.output), {})):
+                # The first worker speaks for all.
+                tasks.append((i, job, not tasks and level() >= 0))
+    leave_none_empty(folder for _, job, _ in tasks for folder in job.output.parents)
+    if tasks:
+        _write(target, entries)
+    try:
+        with progress("batch") as move, closing(rs.run(work, iter(tasks), jobs=jobs, lost=_tidy)) as answers:
+            for (i, job, _), answer in answers:
+                with _as_row(entries[i]):
+                    if isinstance(answer, rs.Failure):
+                        raise InputError(answer.message)
+                    for message in answer.pop("warnings"):
+                        warn(message if str(job.photo) in message else f"{job.photo}: {message}")
+                    entries[i] |= answer | {"state": "checked" if job.dry_run else "done", "recipe": _recipe(job)}
+                finished = sum("state" in entry for entry in entries)
+                move(f"{finished} of {len(entries)}", finished / len(entries))
+    finally:
+        _write(target, entries)
+    return entries
 
-    def __init__(self, target: Target, items: list[Item], earlier: dict[str, Any]) -> None:
-        self._target, self._items, self._earlier = target, items, earlier
-        self.entries: list[dict[str, Any]] = [{"photo": str(item.photo)} for item in items]
 
-    def run(self, options: Options, refine_anyway: bool, jobs: int) -> None:
-        """Deblur the photos that are not done yet."""
-        tasks = dict(self._tasks(options, refine_anyway))
-        # Folders that do not exist before their items start.
-        folders = {folder for job in tasks.values() for folder in job.output.parents if not folder.exists()}
-        if tasks:
-            self._write()
-        # The first worker speaks for all.
-        each = ((i, job, not n and level() >= 0) for n, (i, job) in enumerate(tasks.items()))
-        try:
-            with (
-                progress("batch") as move,
-                closing(rs.run(work, each, jobs=jobs, lost=_tidy)) as answers,
-            ):
-                for (i, *_), answer in answers:
-                    with _as_row(self.entries[i]):
-                        if isinstance(answer, rs.Failure):
-                            raise InputError(answer.message)
-                        self._finish(tasks[i], self.entries[i], answer)
-                    if move is not None:
-                        finished = sum("state" in entry for entry in self.entries)
-                        move(f"{finished} of {len(self.entries)}", finished / len(self.entries))
-        finally:
-            # A worker cannot remove folders of items that failed, as another may be about to write there.
-            for folder in sorted(folders, reverse=True):
-                with suppress(OSError):
-                    folder.rmdir()
-            self._write()
+def _is_done(job: PhotoJob, entry: dict[str, Any], earlier: dict[str, Any]) -> bool:
+    """Return whether the result is that of an earlier run; raise `OutputError` if it has another recipe."""
+    recipe, exists = _recipe(job), job.output.exists()
+    entry["output"] = str(job.output)
+    recorded = earlier.get("details", {}).get("recipe")
+    if not (exists and recorded) or job.force:
+        if not exists:
+            entry["recipe"] = recipe
+        return False
+    # The next list has the results that this run leaves as they are.
+    entry |= earlier
+    entry.pop("error", None)
+    if recorded != recipe:
+        raise OutputError(
+            f"{job.output}: the file exists; use force (--force) to replace it, or another folder: it was made with "
+            "other options or from other files, or these have another date"
+        )
+    entry["state"] = "skipped"
+    return True
 
-    def summary(self) -> dict[str, Any]:
-        """Return the finished entries, and how many there are of each state and verdict."""
-        finished = [entry for entry in self.entries if "state" in entry]
-        verdicts = Counter(filter(None, map(_verdict, finished)))
-        return {"items": finished, "counts": Counter(entry["state"] for entry in finished), "verdicts": verdicts}
 
-    def _write(self) -> None:
-        """Write the list of results, of those under way too: each is written as a whole, or not at all."""
-        if self._target.dry_run:
-            return
-        summary = arranged("batch", self.summary() | {"items": self.entries})
-        summary["digest"] = _digest(summary["items"])
-        write_json(self._target.output / BATCH, "batch", summary)
+def _summary(entries: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the finished entries, and how many there are of each state and verdict."""
+    finished = [entry for entry in entries if "state" in entry]
+    verdicts = Counter(filter(None, map(_verdict, finished)))
+    return {"items": finished, "counts": Counter(entry["state"] for entry in finished), "verdicts": verdicts}
 
-    def _tasks(self, options: Options, refine_anyway: bool) -> Iterator[tuple[int, PhotoJob]]:
-        """Yield the jobs to do by the items' numbers; the other items get their states."""
-        force = self._target.force
-        for i, (item, entry) in enumerate(zip(self._items, self.entries, strict=True)):
-            with _as_row(entry):
-                if item.recording is None or item.error is not None:
-                    raise InputError(item.error or "no recording")
-                job = PhotoJob(
-                    photo=item.photo,
-                    recording=item.recording,
-                    output=self._target.output / item.output,
-                    force=force,
-                    dry_run=self._target.dry_run,
-                    make_folder=True,
-                    options=options,
-                    refine_anyway=refine_anyway,
-                )
-                recipe, exists = _recipe(job), job.output.exists()
-                entry["output"] = str(job.output)
-                earlier = self._earlier.get(entry["output"], {})
-                recorded = earlier.get("details", {}).get("recipe")
-                if exists and not force and recorded:
-                    # The next list has the results that this run leaves as they are.
-                    entry |= earlier
-                    entry.pop("error", None)
-                    if recorded == recipe:
-                        entry["state"] = "skipped"
-                        continue
-                    raise OutputError(
-                        f"{job.output}: the file exists; use force (--force) to replace it, or another folder: it was "
-                        "made with other options or from other files, or these have another date"
-                    )
-                if not exists:
-                    entry["recipe"] = recipe
-                yield i, job
 
-    def _finish(self, job: PhotoJob, entry: dict[str, Any], facts: dict[str, Any]) -> None:
-        for message in facts.pop("warnings"):
-            warn(message if str(job.photo) in message else f"{job.photo}: {message}")
-        entry |= facts | {"state": "checked" if job.dry_run else "done", "recipe": _recipe(job)}
+def _write(target: Target, entries: list[dict[str, Any]]) -> None:
+    """Write the list of results, of those under way too: each is written as a whole, or not at all."""
+    if not target.dry_run:
+        facts = arranged("batch", _summary(entries) | {"items": entries})
+        write_json(target.output / BATCH, "batch", facts | {"digest": _digest(facts["items"])})
 
 
 @contextmanager

@@ -13,8 +13,7 @@ import click
 from rsdeblur.choices import CAMERA
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import clip_exposures, indices_of, naming, read_captures, search_span
-from rsdeblur.cli._log import read_log
+from rsdeblur.cli._inputs import clip_exposures, indices_of, naming, read_captures, read_log, search_span
 from rsdeblur.cli._options import FOR_PHOTOS, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import check_camera_file, print_table, progress, say
 from rsdeblur.cli._types import PATH, SECONDS

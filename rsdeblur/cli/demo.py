@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import click
 
-from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.files import atomic_write
 from rsdeblur.choices import CAMERA
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
@@ -24,19 +24,28 @@ from rsdeblur.pipeline.options import Options
 
 FOCAL35 = 26  # mm, of the photos of a camera app
 LOG, CAPTURES, MOVIE = "gyro_accel.csv", "movie_metadata.csv", "movie.mp4"
-CAPTURE_LOG, UNIX_LOG, LOGGED = "gyro.csv", "Gyroscope.csv", (LOG, CAMERA, CAPTURES)
+CAPTURE_LOG = "gyro.csv"
 # Least side of the picture, px.
 LEAST_SIDE = 64
 
 
-class Kind(NamedTuple):
-    """What is simulated: files, frames, their interval and exposure (s), and the recording.
+# Header and row of a log; a row contains the time `t` in ns, the seconds `s` from the start, x, y and z.
+PLAIN = "t,wx,wy,wz", "{s:.9f},{x:.9f},{y:.9f},{z:.9f}"
+MARS = "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s]", "{t},{x:.9f},{y:.9f},{z:.9f}"
+SENSOR_LOGGER = "time,seconds_elapsed,z,y,x", "{t},{s:.9f},{z:.9f},{y:.9f},{x:.9f}"
 
-    `strength` is that of the shake, of a phone shaken on purpose, `noise` a standard deviation in linear light,
-    `start` that of the first frame (s), `readout` in s and `epoch_ns` that of the log.
+
+class Kind(NamedTuple):
+    """What is simulated: files, the log's first; frames, their interval and exposure (s), and the recording.
+
+    `command` deblurs what is in the folder `{d}`, `log` is the form of the log. `strength` is that of the shake, of a
+    phone shaken on purpose, `noise` a standard deviation in linear light, `start` that of the first frame (s),
+    `readout` in s and `epoch_ns` that of the log.
     """
 
     files: tuple[str, ...]
+    command: str
+    log: tuple[str, str]
     frames: int
     interval: Fraction
     duration: Fraction = Fraction(1, 20)
@@ -56,26 +65,32 @@ KINDS = {
     # Blurs by about 30 px at a width of 1024 px, with the readout of a slow phone sensor.
     "capture": Kind(
         (CAPTURE_LOG, CAMERA, "sharp.png", "rolling.png", "blurred.png"),
-        *(1, Fraction(1, 10)),
+        "deblur {d}/blurred.png --gyro {d}/gyro.csv --camera {d}/camera.toml --start 0.25 --duration 0.05 "
+        "-o {d}/again.png",
+        *(PLAIN, 1, Fraction(1, 10)),
         epoch_ns=0,
         strength=0.2,
         noise=0.01,
         readout=0.03,
     ),
-    "recording": Kind((*LOGGED, *(f"frame{i:04}.png" for i in range(4))), 4, Fraction(1, 2)),
-    "video": Kind((*LOGGED, MOVIE), 24, Fraction(1, 30), Fraction(1, 40)),
+    "recording": Kind(
+        (LOG, CAMERA, CAPTURES, *(f"frame{i:04}.png" for i in range(4))),
+        "batch {d} -o {d}-sharp",
+        *(MARS, 4, Fraction(1, 2)),
+    ),
+    "video": Kind(
+        (LOG, CAMERA, CAPTURES, MOVIE),
+        f"video {{d}}/{MOVIE} --gyro {{d}}/{LOG} --camera {{d}}/{CAMERA} --capture {{d}}/{CAPTURES} -o {{d}}-sharp.mp4",
+        *(MARS, 24, Fraction(1, 30), Fraction(1, 40)),
+    ),
     # The log extends beyond the search of `--start exif`.
     "stock-camera": Kind(
-        (UNIX_LOG, "IMG_1.jpg", "IMG_2.jpg"), 2, Fraction(2), start=2.5, epoch_ns=1_780_000_000_000_000_000
+        ("Gyroscope.csv", "IMG_1.jpg", "IMG_2.jpg"),
+        "deblur {d}/IMG_1.jpg --gyro {d}/Gyroscope.csv --camera {d}/IMG_1.jpg --start exif",
+        *(SENSOR_LOGGER, 2, Fraction(2)),
+        start=2.5,
+        epoch_ns=1_780_000_000_000_000_000,
     ),
-}
-# Name, header and row of the logs; a row contains the time `t` in ns, the seconds `s` from the start, x, y and z.
-MARS = LOG, "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s]", "{t},{x:.9f},{y:.9f},{z:.9f}"
-LOGS = {
-    "capture": (CAPTURE_LOG, "t,wx,wy,wz", "{s:.9f},{x:.9f},{y:.9f},{z:.9f}"),
-    "recording": MARS,
-    "video": MARS,
-    "stock-camera": (UNIX_LOG, "time,seconds_elapsed,z,y,x", "{t},{s:.9f},{z:.9f},{y:.9f},{x:.9f}"),
 }
 
 EXAMPLES = """\b
@@ -113,7 +128,8 @@ def command(size: tuple[int, int], seed: int, kind: str, target: Target) -> None
     if kind == "video" and (size[0] % 2 or size[1] % 2):
         raise click.UsageError(f"--size {size[0]}x{size[1]}: the sides of a video must be even")
     output, force = target.output, target.force
-    names, again = KINDS[kind].files, shlex.join(["rsdeblur", *_command(kind, output)])
+    names, words = KINDS[kind].files, KINDS[kind].command.split()
+    again = shlex.join(["rsdeblur", *(word.format(d=output) for word in words)])
     compared = [*output_names(output / "blurred.png"), REPORT] if kind == "capture" else []
     prepare_folder(output, [*names, *compared], force=force)
     with progress("simulate"):
@@ -145,22 +161,6 @@ def simulated(kind: str, size: tuple[int, int], seed: int) -> tuple[rs.GyroLog, 
     return rs.GyroLog(shake.t, shake.omega, session.epoch_ns), camera, exposures
 
 
-def _command(kind: str, folder: Path) -> list[str]:
-    """Return the arguments that deblur what is written."""
-    session = KINDS[kind]
-    if kind == "recording":
-        return ["batch", str(folder), "-o", f"{folder}-sharp"]
-    if kind == "video":
-        sources = ["--gyro", str(folder / LOG), "--camera", str(folder / CAMERA), "--capture", str(folder / CAPTURES)]
-        return ["video", str(folder / MOVIE), *sources, "-o", f"{folder}-sharp.mp4"]
-    if kind == "stock-camera":
-        photo, log = (str(folder / name) for name in (session.photos[0], UNIX_LOG))
-        return ["deblur", photo, "--gyro", log, "--camera", photo, "--start", "exif"]
-    sources = ["--gyro", str(folder / CAPTURE_LOG), "--camera", str(folder / CAMERA)]
-    moment = ["--start", str(session.start), "--duration", str(float(session.duration))]
-    return ["deblur", str(folder / "blurred.png"), *sources, *moment, "-o", str(folder / "again.png")]
-
-
 def write_files(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: bool) -> None:
     """Simulate, and write the files that a user would have; of a single capture, the truth too."""
     session = KINDS[kind]
@@ -182,10 +182,10 @@ def write_files(kind: str, size: tuple[int, int], seed: int, folder: Path, *, fo
         blocks = [_exif(each) for each in exposures] if kind == "stock-camera" else [None] * len(session.photos)
         for name, frame, block in zip(session.photos, frames, blocks, strict=True):
             rs.write_picture(folder / name, frame, like=rs.Picture(frame, block), bits=8, force=force)
-    name, header, row = LOGS[kind]
+    header, row = session.log
     samples = zip(log.t.tolist(), log.omega.tolist(), strict=True)
     rows = (row.format(t=log.epoch_ns + round(1e9 * s), s=s, x=x, y=y, z=z) for s, (x, y, z) in samples)
-    _write_lines(folder / name, [header, *rows])
+    _write_lines(folder / session.files[0], [header, *rows])
     if CAMERA in session.files:
         camera.save(folder / CAMERA)
     if CAPTURES in session.files:

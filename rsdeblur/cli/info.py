@@ -11,9 +11,8 @@ import click
 
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import read_captures, read_device
-from rsdeblur.cli._log import accelerometer
-from rsdeblur.cli._options import READING, Command, Recording, Target
+from rsdeblur.cli._inputs import accelerometer, read_captures, read_device
+from rsdeblur.cli._options import FILES, READING, Command, Recording, Target
 from rsdeblur.cli._output import linked, say
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import CoverageError, FileFormatError
@@ -23,15 +22,13 @@ Examples:
   rsdeblur info gyro.csv phone.toml frames.csv photo.jpg
   rsdeblur info --gyro gyro.csv --camera phone.toml --capture frames.csv
 """
-# Options that check exposures.
-TOGETHER = ("gyro", "camera", "capture")
 # Number of entries of a long list, such as exposures or gaps, that the text shows; JSON has all.
 SHOWN = 12
 
 
 @click.command("info", cls=Command, epilog=EXAMPLES)
 @click.argument("files", type=PATH, nargs=-1)
-@_options.recording_options(*TOGETHER, *READING, "duration", "time_offset", required=())
+@_options.recording_options(*FILES, *READING, "duration", "time_offset", required=())
 @_options.target_options()
 def command(files: tuple[Path, ...], recording: Recording, target: Target) -> None:
     """Show what FILES contain.
@@ -40,7 +37,7 @@ def command(files: tuple[Path, ...], recording: Recording, target: Target) -> No
     the log covers each exposure, and if the log has an accelerometer, the angle by which gravity is turned from the
     bottom of the picture, as stored, towards its right.
     """
-    named = [getattr(recording, name) for name in TOGETHER]
+    named = [getattr(recording, name) for name in FILES]
     if any(named) and not all(named):
         raise click.UsageError("--gyro, --camera and --capture are needed together", ctx=click.get_current_context())
     if not files and not any(named):

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from rsdeblur._util.atomic import check_target
+from rsdeblur._util.files import check_target
 from rsdeblur.choices import CRF, KEEP, SHARP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
@@ -92,9 +92,7 @@ def command(
         reasons = [f"frame {i}: {reason}" for i, reason in enumerate(plan.reasons) if reason is not None]
         if reasons:
             warn(f"{source}: {len(reasons)} of {len(clip)} frames are kept as they are; {reasons[0]}")
-        if target.dry_run:
-            facts |= {"estimated_s": rs.estimated_seconds(plan, encoding, jobs=jobs)}
-        else:
+        if not target.dry_run:
             result = rs.deblur_video(plan, output, encoding=encoding, jobs=jobs, force=target.force, progress=move)
             facts |= asdict(result) | {"seconds": time.perf_counter() - begin}
     target.show("video", facts | {"dry_run": target.dry_run}, *_lines(source, output, facts))
@@ -107,10 +105,9 @@ def _lines(source: Path, output: Path, facts: dict[str, Any]) -> list[str]:
     frames = f"{facts['treated']} of {facts['frames']} frames deblurred"
     frames += f", the largest blur {facts['largest_blur_px']:.1f} px"
     verdict = "" if facts["check"] is None else f"; {facts['check']['verdict']}"
-    if "estimated_s" in facts:
+    if "seconds" not in facts:
         fit = f"{facts['frames']} frames, {facts['span_s']:.2f} s, all inputs fit"
-        work = f"  {frames}, about {facts['estimated_s']:.0f} s{verdict}"
-        lines = [f"{source}: {fit}; would write {output}", work, f"  {how}"]
+        lines = [f"{source}: {fit}; would write {output}", f"  {frames}{verdict}", f"  {how}"]
     else:
         dropped = f"; left out: {', '.join(facts['dropped'])}" if facts["dropped"] else ""
         lines = [f"{output}: {frames}, {how}, {facts['seconds']:.1f} s{dropped}{verdict}"]

@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._util.once import once
-from rsdeblur._util.threads import beside, share_map
+from rsdeblur._util.threads import beside, once, share_map
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior, TileSpectra, spectra_side
 from rsdeblur.estimate.sharpness import NATS_PER_FALL, SHORTER, QuickSharpness, WholeSharpness

@@ -16,8 +16,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from rsdeblur._util import validate
-from rsdeblur._util.atomic import atomic_write
-from rsdeblur._util.files import ffmpeg_input, read_file
+from rsdeblur._util.files import atomic_write, ffmpeg_input, read_file
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io import gyroflow, kalibr
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rsdeblur._util import validate
-from rsdeblur._util.atomic import atomic_write, check_target, reserve
 from rsdeblur._util.binary import PREFIX
-from rsdeblur._util.files import checked_path
+from rsdeblur._util.files import atomic_write, check_target, checked_path, reserve
 from rsdeblur.errors import InputError, OutputError, RsdeblurWarning
 from rsdeblur.image.transfer import quantised
 from rsdeblur.io import _tiff

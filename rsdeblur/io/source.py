@@ -15,7 +15,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from rsdeblur._util import validate
 from rsdeblur._util.files import checked_path, read_file
-from rsdeblur._util.once import once
+from rsdeblur._util.threads import once
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.columns import RATE, Quantity, guessed_option, is_table, listed, named_columns
 from rsdeblur.io.text import TextFile

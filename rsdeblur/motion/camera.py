@@ -14,8 +14,7 @@ import tomlkit
 from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
-from rsdeblur._util.atomic import atomic_write
-from rsdeblur._util.files import checked_path, read_file
+from rsdeblur._util.files import atomic_write, checked_path, read_file
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import (
     DISTORTIONS,

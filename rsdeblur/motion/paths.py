@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
-from rsdeblur._util.once import once
 from rsdeblur._util.one_line import one_line
+from rsdeblur._util.threads import once
 from rsdeblur.choices import GEOMETRIES, MOTIONS, Geometry, Motion
 from rsdeblur.errors import InputError
 from rsdeblur.motion.arguments import check_recording, check_traceable

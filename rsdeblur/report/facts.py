@@ -1,9 +1,10 @@
-"""Facts about captures and results, as data for JSON and pages, and in words; findings about what limits a result."""
+"""Facts about results, captures and files, as data for JSON and pages, and in words; what limits a result."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -12,11 +13,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.choices import DROP
+from rsdeblur.errors import FileFormatError, RsdeblurError, RsdeblurWarning
 from rsdeblur.estimate.refine import Refinement
 from rsdeblur.image.highlights import at_full_scale
+from rsdeblur.io import open_camera, open_gyro, read_acceleration, read_picture
+from rsdeblur.io.camera_file import CameraFile
+from rsdeblur.io.cameras import detect_camera_format
+from rsdeblur.io.captures import FORMATS, WHAT, clock_facts, open_captures
+from rsdeblur.io.columns import choice_for, choices_of
+from rsdeblur.io.gyro_binary import trailer_of
+from rsdeblur.io.gyro_logs import detect_gyro_format
+from rsdeblur.io.gyroflow import is_profile
+from rsdeblur.io.metadata import MAKE, MODEL, Exif, shown_time
+from rsdeblur.io.picture_output import KINDS
+from rsdeblur.io.pictures import is_picture
+from rsdeblur.io.source import Source, is_archive
+from rsdeblur.motion.axes import PRESETS, imu_to_camera
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.gyro import AccelerationLog, GyroLog
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.types import FloatArray, FloatImage
 
@@ -30,6 +45,12 @@ Level = Literal["warning", "note", "good"]
 LEVELS: tuple[Level, ...] = ("warning", "note", "good")
 # How much verdicts limit a result; others are warnings.
 VERDICT_LEVELS: dict[str, Level] = {"good": "good", "cannot tell": "note", "not checked": "note"}
+
+AXES = {
+    "phone": "phone: x right, y up, z out of the screen",
+    "gyroflow": "Gyroflow: x up, y left, z back",
+    "sensor": "the sensor's own",
+}
 
 
 def result_facts(result: DeblurResult, output: Path, prior: str, seconds: float) -> dict[str, Any]:
@@ -211,18 +232,12 @@ def rates_in_camera(log: GyroLog, camera: Camera, epoch_ns: int) -> tuple[FloatA
     return log.t + (log.epoch_ns - epoch_ns) * 1e-9 + camera.time_offset, log.omega @ camera.imu_to_camera.T
 
 
-def around(first: float, last: float) -> tuple[float, float]:
-    """Return the span that a plot of an exposure from `first` to `last` shows, s."""
-    margin = max(0.5 * (last - first), 0.02)
-    return first - margin, last + margin
-
-
 def motion_data(log: GyroLog, camera: Camera, exposure: Exposure) -> dict[str, Any]:
     """Return `readout_data`, and of the log around the exposure at most 4000 sample times in ms and rates in rad/s."""
     start, end = exposure.span(camera)
     t, rates = rates_in_camera(log, camera, exposure.epoch_ns)
-    first, last = around(start, end)
-    near = np.flatnonzero((t >= first) & (t <= last))
+    margin = max(0.5 * (end - start), 0.02)  # s
+    near = np.flatnonzero((t >= start - margin) & (t <= end + margin))
     near = near[:: math.ceil(max(len(near), 1) / 4000)]
     return readout_data(camera, exposure) | {
         "t": np.round(1e3 * (t[near] - start), 4).tolist(),
@@ -249,12 +264,8 @@ def findings(
     unseen: float = 0.0,  # share of the result that was never exposed
     can_split: bool = False,  # whether --saturation always would change the result
 ) -> list[Finding]:
-    """Return what the log, the photo and the blur say about the result, and the verdicts of the check."""
-    opens, closes = (time - camera.time_offset for time in exposure.span(camera))
-    # In s relative to the exposure's origin; timestamps are subtracted as integers, where they are exact.
-    t = log.t + (log.epoch_ns - exposure.epoch_ns) * 1e-9
-    outcomes = [_coverage(t, opens, closes), _gaps(log, t, opens, closes), _sampling(log, exposure)]
-    outcomes += [_gyro_range(log, t, opens, closes), _saturation(pixels, can_split), _size(psf, pixels.shape)]
+    """Return what in log, photo and blur limits the result, and the verdicts of the check."""
+    outcomes = [*_of_log(log, camera, exposure), *_of_picture(pixels, psf, can_split)]
     for mode, check in (checks or {}).items():
         verdict = check["verdict"]
         text = f"The check finds it {verdict}."
@@ -268,74 +279,166 @@ def findings(
     return outcomes
 
 
-def _outcome(subject: str, text: str, level: Level, more: str, *, applies: bool) -> Finding:
-    """Return a finding of a level with `more` text if that applies, or a good one."""
-    return Finding(level, subject, text + more) if applies else Finding("good", subject, text)
-
-
-def _coverage(t: FloatArray, opens: float, closes: float) -> Finding:
-    before, after = opens - t[0], t[-1] - closes
-    text = f"The log starts {_time(before)} before the first row opens and ends {_time(after)} after the last closes."
-    more = " That leaves little room for a different time offset."
-    return _outcome("Coverage", text, "note", more, applies=min(before, after) < 0.02)  # s
-
-
-def _gaps(log: GyroLog, t: FloatArray, opens: float, closes: float) -> Finding:
-    holes = log.gaps()
-    if not len(holes):
-        return Finding("good", "Gaps", "The log has no gaps.")
-    # A gap inside the exposure is refused, so all are outside.
-    away = holes + (t[0] - log.t[0])
-    nearest = float(np.maximum(away[:, 0] - closes, opens - away[:, 1]).min())
-    longest = float(np.diff(holes, axis=1).max())
-    gaps = "1 gap" if len(holes) == 1 else f"{len(holes)} gaps"
-    text = f"The log has {gaps}, none during the exposure; the nearest is {_time(nearest)} away."
-    return Finding("note", "Gaps", f"{text} The longest lasts {_time(longest)}.")
-
-
-def _sampling(log: GyroLog, exposure: Exposure) -> Finding:
-    per_row = exposure.duration * log.rate
-    text = f"{log.rate:.4g} samples per second, {per_row:.3g} per row's exposure of {_time(exposure.duration)}."
-    more = " The motion between samples is interpolated, and may be wrong."
+def _of_log(log: GyroLog, camera: Camera, exposure: Exposure) -> Iterator[Finding]:
+    t, _ = rates_in_camera(log, camera, exposure.epoch_ns)
+    opens, closes = exposure.span(camera)
+    if min(opens - t[0], t[-1] - closes) < 0.02:  # s
+        yield Finding("note", "Coverage", "The log leaves little room for a different time offset.")
     # A hand's tremor reaches 12 Hz; with fewer samples, the motion between them is guesswork.
-    return _outcome("Sampling", text, "warning", more, applies=per_row < 4 and log.rate < 50.0)
-
-
-def _gyro_range(log: GyroLog, t: FloatArray, opens: float, closes: float) -> Finding:
-    inside = np.abs(log.omega[(t >= opens) & (t <= closes)])
-    # The largest magnitude in the whole log: a sensor at its limit repeats it. One of coarse resolution repeats small
-    # rates, so the limit must exceed 4 rad/s.
+    if exposure.duration * log.rate < 4 and log.rate < 50.0:
+        text = f"The log has {log.rate:.3g} samples per second; the motion between them is interpolated."
+        yield Finding("warning", "Sampling", text)
+    # A sensor at its limit repeats it. One of coarse resolution repeats small rates.
     limit = np.abs(log.omega).max(axis=0)
-    for axis in range(3):
-        at = np.concatenate([[0], inside[:, axis] == limit[axis], [0]]).astype(int)
-        runs = np.flatnonzero(np.diff(at) < 0) - np.flatnonzero(np.diff(at) > 0)
-        if limit[axis] > 4.0 and runs.max(initial=0) >= 3:
-            text = f"The rate about {'xyz'[axis]} stays at {limit[axis]:.3g} rad/s, probably the gyroscope's limit."
-            return Finding("warning", "Gyro saturation", text)
-    peak = float(np.linalg.norm(inside, axis=1).max(initial=0.0))
-    return Finding("good", "Gyro saturation", f"The fastest rate during the exposure is {peak:.3g} rad/s.")
+    inside = np.abs(log.omega[(t >= opens) & (t <= closes)])
+    for axis in np.flatnonzero((limit > 4.0) & ((inside == limit).sum(axis=0) >= 3)):
+        text = f"The rate about {'xyz'[axis]} stays at {limit[axis]:.3g} rad/s, probably the gyroscope's limit."
+        yield Finding("warning", "Gyro saturation", text)
 
 
-def _saturation(pixels: NDArray[Any], can_split: bool) -> Finding:
+def _of_picture(pixels: NDArray[Any], psf: tuple[int, int], can_split: bool) -> Iterator[Finding]:
     colours = pixels if pixels.ndim == 2 else pixels[..., : 3 if pixels.shape[2] >= 3 else 1]
     clipped = at_full_scale(colours)
     share = float(np.mean(clipped if clipped.ndim == 2 else clipped.any(axis=2)))
-    text = f"{share:.2%} of the pixels are clipped at white."
-    remedy = ", fewer with --saturation always" if can_split else ""
-    more = f" Their brightness is unknown: expect waves around highlights{remedy}."
     # Below a thousandth, the result does not visibly suffer.
-    return _outcome("Saturation", text, "warning", more, applies=share > 1e-3)
-
-
-def _size(psf: tuple[int, int], shape: tuple[int, ...]) -> Finding:
-    tall, wide = psf
-    text = f"The largest PSF is {wide} x {tall} px in a picture of {shape[1]} x {shape[0]} px."
+    if share > 1e-3:
+        remedy = ", fewer with --saturation always" if can_split else ""
+        text = f"{share:.2%} of the pixels are clipped at white: expect waves around highlights{remedy}."
+        yield Finding("warning", "Saturation", text)
+    largest = f"The largest PSF is {psf[1]} x {psf[0]} px"
     if max(psf) > DROP:
-        more = " The blur is too large for a faithful result: many frequencies are lost, and borders affect much of it."
-        return Finding("warning", "Motion", text + more)
-    # A kernel of 3 px is one pixel and its margin.
-    return _outcome("Motion", text, "note", " There is hardly any blur to remove.", applies=max(psf) <= 3)
+        yield Finding("warning", "Motion", f"{largest}, too large for a faithful result: many frequencies are lost.")
+    elif max(psf) <= 3:  # px, one pixel and its margin
+        yield Finding("note", "Motion", f"{largest}: there is hardly any blur to remove.")
 
 
-def _time(seconds: float) -> str:
-    return f"{1e3 * seconds:.3g} ms" if abs(seconds) < 1 else f"{seconds:.3g} s"
+def describe(path: Path, reading: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the kind and the contents of a file; `reading` are the arguments of `read_gyro` for a gyro log."""
+    source, columns = Source(path, WHAT), reading["columns"]
+    # By its extension too, so that the error of a damaged picture is about a picture.
+    if is_picture(source) or path.suffix.lower() in KINDS:
+        return picture_facts(path)
+    if columns and not reading["format"] and next(iter(choices_of(columns))) == "capture file":
+        return capture_facts(path, columns)
+    if columns or reading["format"]:
+        return gyro_facts(path, reading)
+    if (facts := clock_facts(source)) is not None:
+        return facts
+    if _is_camera(path):
+        return camera_facts(open_camera(path))
+    try:
+        detect_gyro_format(path)
+    except FileFormatError as error:
+        if any(each.fits(source) for each in FORMATS):
+            return capture_facts(path)
+        # Logs are the commonest tables, and archives contain nothing else, so this error is the most likely to help.
+        if is_archive(source):
+            raise
+        raise FileFormatError(f"{error}; it is not a camera file, a capture file or a picture either") from error
+    return gyro_facts(path, reading)
+
+
+def _is_camera(path: Path) -> bool:
+    """Return whether a file is that of a camera; recordings, which contain one too, are described as such."""
+    try:
+        format = detect_camera_format(path)
+    except FileFormatError:
+        return False
+    return format not in ("mars", "recording") and (
+        format != "gyroflow" or is_profile(Source(path, "lens profile").json)
+    )
+
+
+def gyro_facts(path: Path, reading: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the properties of a gyro log."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RsdeblurWarning)
+        file = open_gyro(path, **reading)
+    remarks = [str(each.message) for each in caught if issubclass(each.category, RsdeblurWarning)]
+    log, acceleration = file.log, accelerometer(path, reading.get("columns"))
+    gravity = {}
+    if acceleration is not None:
+        strength = float(np.median(np.linalg.norm(acceleration.force, axis=1)))
+        gravity = {"accelerometer_hz": acceleration.rate, "gravity_m_s2": strength}
+    return {
+        "kind": "gyro log",
+        "format": file.format,
+        "samples": len(log),
+        "rate_hz": log.rate,
+        "epoch_ns": log.epoch_ns,
+        "span_s": list(log.span),
+        "units_in_file": f"{file.time_unit}, {file.rate_unit}",
+        "axes": AXES[file.axes],
+        **file.facts,
+        "gaps_s": log.gaps().tolist(),
+        "rms_rad_s": np.sqrt(np.mean(log.omega**2, axis=0)).tolist(),
+        "peak_rad_s": np.abs(log.omega).max(axis=0).tolist(),
+        **gravity,
+        "remarks": list(dict.fromkeys(remarks)),
+    }
+
+
+def accelerometer(path: Path, columns: str | None) -> AccelerationLog | None:
+    """Return the accelerometer's samples in a gyro log; None if there are none that can be read."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RsdeblurWarning)
+        try:
+            return read_acceleration(path, columns=choice_for("gyro log", columns))
+        except RsdeblurError:
+            return None
+
+
+def camera_facts(file: CameraFile) -> dict[str, Any]:
+    """Return the properties of a camera and of its file."""
+    camera = file.camera
+    axes = [name for name in PRESETS if np.allclose(camera.imu_to_camera, imu_to_camera(name), atol=1e-9)]
+    return {
+        "kind": "camera",
+        "format": file.format,
+        "size_px": [camera.width, camera.height],
+        "focal_length_px": list(camera.focal_length),
+        "principal_point_px": list(camera.principal_point),
+        "distortion_model": camera.distortion_model,
+        "distortion": list(camera.distortion),
+        "readout_time_s": camera.readout_time,
+        "readout_sd_s": camera.readout_sd,
+        "readout_direction": camera.readout_direction,
+        "imu_to_camera": camera.imu_to_camera.tolist(),
+        "imu_axes": " or ".join(axes) or None,
+        "time_offset_s": camera.time_offset,
+        "timestamp_marks": camera.timestamp_marks,
+        **file.facts,
+        "remarks": file.remarks,
+    }
+
+
+def capture_facts(path: Path, columns: str | None = None) -> dict[str, Any]:
+    """Return the exposures in a capture file."""
+    file = open_captures(path, columns)
+    exposures = [
+        {"start_ns": timestamp} | ({} if duration is None else {"duration_s": duration})
+        for timestamp, duration in zip(file.timestamps, file.durations, strict=True)
+    ]
+    return {"kind": "captures", "format": file.format, "count": len(exposures), "exposures": exposures}
+
+
+def picture_facts(path: Path) -> dict[str, Any]:
+    """Return the properties of a picture, and of the gyro data in its file."""
+    picture = read_picture(path)
+    exif = Exif(picture.exif)
+    height, width = picture.pixels.shape[:2]
+    facts = {
+        "kind": "picture",
+        "size_px": [width, height],
+        "channels": 1 if picture.pixels.ndim == 2 else picture.pixels.shape[2],
+        "values": f"{picture.pixels.dtype}, {picture.transfer}",
+        "exif_camera": " ".join(filter(None, (exif.text(MAKE), exif.text(MODEL)))) or None,
+        "exif_exposure_s": exif.exposure,
+        "exif_time": shown_time(exif),
+        "exif_orientation": exif.orientation,
+        "icc_profile": picture.icc_profile is not None,
+    }
+    if trailer_of(Source(path, "picture")) is None:
+        return facts
+    gyro = gyro_facts(path, {"format": "gyrodata"})
+    return facts | {"gyro": {key: gyro[key] for key in ("samples", "rate_hz", "epoch_ns", "capture_ns")}}

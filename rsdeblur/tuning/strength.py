@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from rsdeblur._util import validate
-from rsdeblur._util.once import once
 from rsdeblur._util.one_line import one_line
+from rsdeblur._util.threads import once
 from rsdeblur.choices import DERIVATIVE_PRIORS, EXPONENT, Prior
 from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import os
-import time
 from collections import deque
 from collections.abc import Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rsdeblur._util.atomic import atomic_write, check_target
-from rsdeblur._util.files import checked_path
+from rsdeblur._util.files import atomic_write, check_target, checked_path
 from rsdeblur.choices import CRF
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurError
 from rsdeblur.types import Progress
-from rsdeblur.video.clip import FULL_RANGE, LIMITED_RANGE, RGB, SCALING, Clip, av, frames, reading, values_of
+from rsdeblur.video.clip import FULL_RANGE, LIMITED_RANGE, RGB, SCALING, Clip, av, reading, values_of
 from rsdeblur.video.plan import ClipPlan
 
 __all__ = ["Encoding", "VideoResult", "deblur_video"]
@@ -46,8 +44,6 @@ OPTIONS = {
     "libvpx-vp9": {"b": "0", "deadline": "good", "cpu-used": "3", "auto-alt-ref": "0", "lag-in-frames": "0"},
     "libsvtav1": {"preset": "8", "svtav1-params": "pred-struct=1"},
 }
-# Frames whose time is taken to estimate that of all: the start of the encoder counts little among several.
-TRIAL = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,25 +219,6 @@ def deblur_video(
         if clip.aspect is not None and made.streams.video[0].sample_aspect_ratio != clip.aspect:
             left.append("shape of the pixels")
     return VideoResult(count, count - plan.treated, left)
-
-
-def estimated_seconds(plan: ClipPlan, encoding: Encoding, *, jobs: int = 1) -> float:
-    """Estimate how long :func:`deblur_video` takes, s, from a trial with a few frames that writes no file."""
-    clip, seconds = plan.clip, []
-    first = min(plan.lengths.index(plan.largest), max(0, len(clip) - TRIAL))
-    some = list(frames(clip, first, min(first + TRIAL, len(clip))))
-    # The first trial loads compiled code.
-    for share in (1.0, 1.0, 0.0):
-        trial = replace(plan, shares=tuple(share if reason is None else 0.0 for reason in plan.reasons))
-        begin = time.perf_counter()
-        with reading(clip.path) as source, av.open(BytesIO(), "w", format="matroska") as container:
-            stream = _add_pictures(source, container, clip, encoding)
-            for number, frame in enumerate(some, first):
-                container.mux(stream.encode(_restored(trial, number, frame, encoding.pixels)))
-            container.mux(stream.encode())
-        seconds.append((time.perf_counter() - begin) / len(some))
-    _, treated, untouched = seconds
-    return (plan.treated * treated + (len(clip) - plan.treated) * untouched) / jobs
 
 
 def _add_pictures(source: Any, container: Any, clip: Clip, encoding: Encoding, threads: int = 1) -> Any:

@@ -15,8 +15,7 @@ import rsdeblur
 from rsdeblur import Camera, Exposure, InputError, PsfBank, deblur, hand_shake
 from rsdeblur._util import workers
 from rsdeblur._util.memory import ALIGNMENT, empty
-from rsdeblur._util.once import once
-from rsdeblur._util.threads import ThreadTeam, beside, share, share_map
+from rsdeblur._util.threads import ThreadTeam, beside, once, share, share_map
 from rsdeblur._util.workers import Failure
 from rsdeblur.motion import BlurPaths, Capture
 

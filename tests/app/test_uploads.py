@@ -8,8 +8,8 @@ import tempfile
 
 import pytest
 
-from rsdeblur.app.form import shell_line
-from rsdeblur.app.uploads import Uploads, plain
+from rsdeblur.app.server import Uploads, plain
+from rsdeblur.cli._desk import shell_line
 from rsdeblur.errors import InputError, OutputError
 
 
@@ -64,7 +64,7 @@ def test_a_start_removes_what_a_killed_app_left_and_nothing_else(uploads, tempor
     pytest.importorskip("fcntl")
     kept, others = uploads.keep("photo.png", b"mine"), temporary / "rsdeblur-app-file"
     others.write_bytes(b"no folder")
-    killed = "from rsdeblur.app.uploads import *; Uploads().keep('a.csv', b'1'); os.kill(os.getpid(), 9)"
+    killed = "from rsdeblur.app.server import *; Uploads().keep('a.csv', b'1'); os.kill(os.getpid(), 9)"
     environment = os.environ | {"TMPDIR": str(temporary)}
     subprocess.run([sys.executable, "-P", "-c", killed], env=environment, check=False)
     assert len(list(temporary.rglob("a.csv"))) == 1

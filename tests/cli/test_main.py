@@ -69,7 +69,7 @@ def test_quiet_and_verbose(files: Files, run: Callable[..., Result], caplog: pyt
     assert quiet.output == ""
     assert "stage apply: " in caplog.text
     verbose = run(*arguments, "-o", str(files.photo.with_name("b.png")), "-v")
-    for text in ("rsdeblur: log: plain", "rsdeblur: exposure: 0 ns + 0.200000 s, 40 ms", "rsdeblur: deblur: apply"):
+    for text in ("rsdeblur: log: plain", "rsdeblur: exposure: 0 ns + 0.200000 s, 40 ms", "rsdeblur: stage apply"):
         assert text in verbose.stderr
     assert len(verbose.stdout.splitlines()) >= 1
 
@@ -89,7 +89,7 @@ def test_no_traceback(
     def fail(_: object) -> None:
         raise raised
 
-    monkeypatch.setattr("rsdeblur.report.files.read_picture", fail)
+    monkeypatch.setattr("rsdeblur.report.facts.read_picture", fail)
     picture = f"{tmp_path}/a.png"
     with open(picture, "wb"):
         result = CliRunner().invoke(main, ["info", picture])

@@ -67,7 +67,6 @@ def test_only_blurred_frames_change(run: Run, recording: list[object], tmp_path:
     result = run("video", clip, *recording, "--json", "-o", out)
     assert result.exit_code == 0, result.output
     facts, expected = json.loads(result.stdout), json.loads(dry.stdout)
-    assert expected["estimated_s"] > 0
     for found in (facts, expected):
         assert (found["treated"], found["kept"]) == (3, 5)
         # At the picture's side the path is longer than in its centre, by 1 + (32 / 100)^2.

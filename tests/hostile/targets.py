@@ -13,7 +13,7 @@ import numpy as np
 from rsdeblur import PsfBank, read_picture, write_picture
 from rsdeblur.io import open_camera, read_acceleration, read_trajectory
 from rsdeblur.io.picture_output import picture_to_fill
-from rsdeblur.report.files import camera_facts, capture_facts, gyro_facts, picture_facts
+from rsdeblur.report.facts import camera_facts, capture_facts, gyro_facts, picture_facts
 from tests._util import files, gyroflow
 from tests.hostile import packets
 from tests.hostile.mutate import mutated

@@ -1,85 +1,89 @@
-"""Handlers of the page's requests.
+"""Handlers of the local page's requests, and its form as arguments of `rsdeblur deblur`.
 
 Every request contains the whole form, so the page and the command line cannot disagree: crop, saved picture and copied
-command come from the same arguments of `rsdeblur deblur`.
+command come from the same arguments.
 """
 
 from __future__ import annotations
 
 import os
+import shlex
 import threading
 import time
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
+import click
 import numpy as np
 
-from rsdeblur._util.atomic import atomic_write
-from rsdeblur._util.files import FileState, file_state, read_file
+from rsdeblur._util.files import FileState, file_state
 from rsdeblur.app.crop import Basis, Crop, derive_basis, solve_crop
-from rsdeblur.app.form import FILES, MOVED, Form, arguments, filled, path_of, power_of, shell_line, text_of
-from rsdeblur.app.uploads import Uploads, plain
-from rsdeblur.errors import CoverageError, InputError, OutputError, RsdeblurError, RsdeblurWarning
-from rsdeblur.image.encoded import display_values
+from rsdeblur.app.server import Uploads, plain
+from rsdeblur.choices import CAMERA
+from rsdeblur.cli import _options
+from rsdeblur.cli._inputs import Inputs, naming, read_recording, with_exif
+from rsdeblur.cli._options import FILES, MANY_RESULTS, ONE_PHOTO, Recording, flag
+from rsdeblur.cli._output import capture_warnings, usage_as_input_error
+from rsdeblur.cli._photo import PhotoJob, Prepared, deblur_photo, prepare
+from rsdeblur.cli._types import PATH
+from rsdeblur.cli.deblur import default_output
+from rsdeblur.cli.demo import CAPTURE_LOG, KINDS, write_files
+from rsdeblur.errors import CoverageError, InputError, OutputError, RsdeblurError
+from rsdeblur.image.encoded import check_size, display_values
+from rsdeblur.io.pictures import read_picture
 from rsdeblur.motion.axes import PRESETS, imu_to_camera
 from rsdeblur.motion.camera import Camera
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.report.drawings import bank_data, picture_uris
 from rsdeblur.report.facts import readout_data
-from rsdeblur.types import Progress
 
-# Bytes of a camera file that is kept for the next start; videos contain cameras too.
-LARGEST_CAMERA = 1 << 20
+# Options that have a slider; the strengths of the whole picture are derived without them, and so stay while they move.
+MOVED = ("time_offset", "readout_time", "focal_length", "softness")
+# Options that the page sets; "more" contains the others.
+FIELDS = (*FILES, "index", "start", "start_ns", "duration", "orientation", *MOVED, "mode", "prior")
 
+Form = Mapping[str, Any]
 Action = Callable[[Form], Mapping[str, Any]]
 
 
-class Ready(Protocol):
-    """A photo that is read and ready to be planned."""
-
-    @property
-    def inputs(self) -> Any:
-        """The picture, the log, the camera and the exposure."""
-
-    @property
-    def options(self) -> Options:
-        """The options, with a known transfer."""
-
-    @property
-    def naming(self) -> AbstractContextManager[None]:
-        """Context that names the file at fault in errors."""
-
-    @property
-    def recording(self) -> Any:
-        """What the arguments say about log, camera and exposure."""
+# The page shows clipped highlights as they are: a crop does not show whether the photo has few.
+@click.command("deblur", add_help_option=False, context_settings={"default_map": {"saturation": "ignore"}})
+@click.argument("photo", type=PATH)
+@_options.recording_options(*ONE_PHOTO, required=())
+@_options.solve_options(*MANY_RESULTS)
+def _parse(photo: Path, recording: Recording, options: Options) -> tuple[Path, Recording, Options]:
+    return photo, with_exif(recording, photo), options
 
 
-class Engine(NamedTuple):
-    """Functions of the command line, which the page uses so that both agree; arguments are those of `deblur`.
+_picture = lru_cache(maxsize=1)(lambda photo, state: read_picture(photo))
 
-    Parameters
-    ----------
-    read
-        Reads the files that arguments name.
-    save
-        Deblurs the photo of arguments, writes it to a path, and returns the facts about the result.
-    result
-        Returns the usual path of the result of photos, here one.
-    example
-        Writes an example to a folder, and returns the path of its photo and its options.
-    """
 
-    read: Callable[[Sequence[str]], Ready]
-    save: Callable[[Sequence[str], Path, Progress], dict[str, Any]]
-    result: Callable[[tuple[Path, ...]], Path]
-    example: Callable[[Path], dict[str, str]]
+def _read(words: Sequence[str]) -> Prepared:
+    """Prepare a photo as `rsdeblur deblur` does, with a picture that is kept."""
+    with usage_as_input_error():
+        photo, recording, options = _parse.main(list(words), "rsdeblur deblur", standalone_mode=False)
+        inputs = None
+        if recording.start != "exif":
+            log, camera, exposure = read_recording(recording, photo)
+            inputs = Inputs(_picture(photo, file_state(photo)), log, camera, exposure)
+            with naming(photo):
+                check_size(inputs.picture.pixels.shape, camera)
+        return prepare(photo, recording, options, refine_anyway=False, inputs=inputs)
+
+
+def _example(folder: Path) -> dict[str, str]:
+    """Write an example, and return the path of its photo and its options."""
+    kind = KINDS["capture"]
+    write_files("capture", (640, 480), 0, folder, force=False)
+    files = {"photo": folder / "blurred.png", "gyro": folder / CAPTURE_LOG, "camera": folder / CAMERA}
+    moment = {"start": str(kind.start), "duration": str(kind.duration)}
+    return {name: str(path) for name, path in files.items()} | moment
 
 
 @dataclass(slots=True)
@@ -98,22 +102,17 @@ class Job:
 
 
 class Desk:
-    """Request handlers of the page, which offers `photos` and begins with the `given` options in its form.
+    """Request handlers of the page, which offers `photos` and begins with the `given` options in its form."""
 
-    The last camera file is kept in the folder `settings`, and offered by the next start.
-    """
-
-    def __init__(self, engine: Engine, photos: Sequence[str], given: Mapping[str, str], settings: Path) -> None:
-        self._engine, self._photos, self._given = engine, list(photos), dict(given)
-        self._cameras = settings / "last-camera"
+    def __init__(self, photos: Sequence[str], given: Mapping[str, str]) -> None:
+        self._photos, self._given = list(photos), dict(given)
         self.uploads = Uploads()
         # One computation at a time; it also guards the filters of warnings, which are the process's.
         self._busy, self._saving = threading.Lock(), threading.Lock()
         self._basis = lru_cache(maxsize=8)(self._derived)
-        self._example: dict[str, str] = {}
         self._job = Job()
         actions: dict[str, Action] = {
-            "start": self._start,
+            "start": lambda form: {"photos": self._photos, "form": filled(self._given)},
             "example": self._made,
             "open": self._open,
             "solve": self._solve,
@@ -137,22 +136,15 @@ class Desk:
         """Keep a file until the app ends, and return its path."""
         return {"path": str(self.uploads.keep(name, content))}
 
-    def _start(self, form: Form) -> dict[str, Any]:
-        camera = ""
-        with suppress(OSError):
-            camera = next(map(str, self._cameras.iterdir()), "")
-        return {"photos": self._photos, "form": filled(self._given), "camera": camera}
-
     def _made(self, form: Form) -> dict[str, Any]:
         """Write an example, and return its form."""
         with self._busy:
-            self._example = filled(self.uploads.fill("the example", self._engine.example))
-        return {"form": self._example}
+            return {"form": filled(self.uploads.fill("the example", _example))}
 
     def _open(self, form: Form) -> dict[str, Any]:
         """Read the files of a form, and describe the picture and the recording."""
-        with self._busy, _warnings() as notes:
-            ready = self._engine.read(arguments(form))
+        with self._busy, capture_warnings(show=False) as notes:
+            ready = _read(arguments(form))
             picture, log, camera, exposure = ready.inputs
             # The overview has at most twice the pixels that the page shows of it.
             stride = max(1, max(picture.pixels.shape[:2]) // 1120)
@@ -163,7 +155,6 @@ class Desk:
             # The search took seconds; from now on, the moment that it found is given.
             start = exposure.epoch_ns + round(1e9 * exposure.start)
             moment = {"start": "", "start_ns": str(start), "time_offset": f"{camera.time_offset:.6f}"}
-        self._remember(path_of(form, "camera"))
         return {
             "name": photo.name,
             "size": [camera.width, camera.height],
@@ -181,24 +172,9 @@ class Desk:
             "notes": notes,
         }
 
-    def _remember(self, name: str) -> None:
-        """Keep a copy of a camera file in place of the last one; that of the example is nobody's."""
-        path = Path(name)
-        if not name or path.parent == self._cameras or name == self._example.get("camera"):
-            return
-        with suppress(OSError, RsdeblurError):
-            content = read_file(path, "camera file", size=LARGEST_CAMERA + 1)
-            if len(content) <= LARGEST_CAMERA:
-                self._cameras.mkdir(parents=True, exist_ok=True)
-                others = [other for other in self._cameras.iterdir() if other.name != path.name]
-                with atomic_write(self._cameras / path.name) as file:
-                    file.write(content)
-                for other in others:
-                    other.unlink()
-
     def _free_name(self, photo: Path) -> Path:
         """Return a path for the result that no file has: beside the photo, or in the working folder."""
-        result = self._engine.result((photo,))
+        result = default_output((photo,))
         if self.uploads.has(photo):
             folder = Path(os.path.expanduser("~"))
             with suppress(FileNotFoundError):  # it was deleted
@@ -211,12 +187,12 @@ class Desk:
         """Deblur the crop that the form names."""
         begin = time.perf_counter()
         scale = max(0.2, min(float(form.get("scale", 1.0)), 1.0))
-        with self._busy, _warnings() as notes:
+        with self._busy, capture_warnings(show=False) as notes:
             words, basis = self._tuned(form)
             # The options by which the command deblurs as the page does.
             chosen = any(word.startswith("--saturation") for word in words)
             as_here = ["--no-refine", *([] if chosen else ["--saturation", "ignore"])]
-            ready = self._engine.read(words)
+            ready = _read(words)
             options = replace(ready.options, check=bool(form.get("check")))
             picture, log, camera, exposure = ready.inputs
             left, top, width, height = map(int, form["box"])
@@ -261,7 +237,7 @@ class Desk:
 
     def _derived(self, words: tuple[str, ...], *_: FileState) -> Basis:
         """Derive the strengths of a whole picture; kept for each choice of files, mode and prior."""
-        ready = self._engine.read(words)
+        ready = _read(words)
         picture, log, camera, exposure = ready.inputs
         with ready.naming:
             return derive_basis(picture.pixels, log, camera, exposure, replace(ready.options, check=False))
@@ -273,14 +249,16 @@ class Desk:
         if not self._saving.acquire(blocking=False):
             raise InputError("a picture is being saved")
         try:
-            with self._busy, _warnings():
+            with self._busy, capture_warnings(show=False), usage_as_input_error():
                 output = Path(path_of(form, "output"))
                 if output.exists():
                     # The page has no --force.
                     raise OutputError(f"{output}: the file exists; choose another name")
                 words, _ = self._tuned(form)
                 self._job = Job()
-                return self._engine.save(words, output, self._job.move)
+                photo, recording, options = _parse.main(words, "rsdeblur deblur", standalone_mode=False)
+                job = PhotoJob(photo=photo, recording=recording, options=options, output=output)
+                return deblur_photo(job, self._job.move)
         finally:
             self._saving.release()
 
@@ -304,17 +282,6 @@ def _plainly(action: Action) -> Action:
     return call
 
 
-@contextmanager
-def _warnings() -> Iterator[list[str]]:
-    """Collect the texts of the package's warnings, which are complete after the block."""
-    texts: list[str] = []
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", RsdeblurWarning)
-        yield texts
-        own = (str(each.message) for each in caught if issubclass(each.category, RsdeblurWarning))
-        texts += dict.fromkeys(own)
-
-
 def _axes_of(camera: Camera) -> str:
     """Return the name of the axes of the log in this camera, empty if they have none."""
     # Phones come before Gyroflow's axes, which equal those of a phone held sideways.
@@ -322,7 +289,7 @@ def _axes_of(camera: Camera) -> str:
     return next((name for name, matrix in known.items() if np.allclose(matrix, camera.imu_to_camera)), "")
 
 
-def _shown(result: DeblurResult, ready: Ready, crop: Crop, *, draft: bool) -> dict[str, Any]:
+def _shown(result: DeblurResult, ready: Prepared, crop: Crop, *, draft: bool) -> dict[str, Any]:
     """Return the crop as data of the page; a draft shows its picture only."""
     picture, _, camera, exposure = ready.inputs
     transfer = ready.options.transfer
@@ -339,3 +306,64 @@ def _shown(result: DeblurResult, ready: Ready, crop: Crop, *, draft: bool) -> di
         "banks": {} if draft else {"PSFs": bank_data(result.psfs)},
         "motion": readout_data(camera.cropped(*crop), exposure),
     }
+
+
+def filled(options: Mapping[str, str]) -> dict[str, str]:
+    """Return the form that means these options and perhaps a photo, given as texts by name."""
+    # No field is called "start_ns": the moment that a search found is not typed.
+    fields = {name: text for name, text in options.items() if name in ("photo", *FIELDS) and name != "start_ns"}
+    others = (word for name, text in options.items() if name not in fields for word in (flag(name), text))
+    return fields | {"more": shlex.join(others)}
+
+
+def arguments(form: Form, moved: Form | None = None) -> list[str]:
+    """Return the arguments of `rsdeblur deblur` that a form means, with automatic strengths.
+
+    Empty texts are left out; `moved` are texts of sliders, which replace those of the form.
+    """
+    for name, label in (("photo", "photo"), ("gyro", "gyro log")):
+        if not text_of(form, name):
+            raise InputError(f"choose the {label}")
+    words = [path_of(form, "photo")]
+    form = {**form, **(moved or {})}
+    for name in FIELDS:
+        if text_of(form, name):
+            words += [flag(name), path_of(form, name) if name in FILES else text_of(form, name)]
+    try:
+        return words + shlex.split(text_of(form, "more"))
+    except ValueError as error:
+        raise InputError(f"other options: {error}") from error
+
+
+def text_of(form: Form, name: str) -> str:
+    """Return a text of a form without spaces around it; empty if it is missing."""
+    return str(form.get(name) or "").strip()
+
+
+def path_of(form: Form, name: str) -> str:
+    """Return an absolute path, with which the command works in every folder; empty if it is missing."""
+    text = text_of(form, name)
+    try:
+        return str(Path(text).expanduser().absolute()) if text else ""
+    except RuntimeError as error:
+        raise InputError(f"{text}: there is no home folder of that name; give the whole path") from error
+    except FileNotFoundError as error:
+        raise InputError(f"{text}: the folder that the app was started in was deleted; give the whole path") from error
+
+
+def power_of(form: Form) -> float:
+    """Return by how many powers of ten the strength differs from the automatic one."""
+    return max(-3.0, min(float(form.get("power", 0.0)), 3.0))
+
+
+def shell_line(words: Sequence[str]) -> str:
+    """Return words as a line that a terminal takes for nothing else: control characters are escaped."""
+    return " ".join(map(_quoted, words))
+
+
+def _quoted(word: str) -> str:
+    if word.isprintable():
+        return shlex.quote(word)
+    # Three octal digits end by themselves, before any character.
+    parts = (c if c.isprintable() and c not in "\\'" else "".join(f"\\{b:03o}" for b in os.fsencode(c)) for c in word)
+    return f"$'{''.join(parts)}'"
