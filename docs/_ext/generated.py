@@ -37,7 +37,8 @@ MODULES = (
 
 JSON = """Each command with ``--json`` prints one value, which has ``schema``: {schema}. That number rises when a key of
 this list is removed or changes its meaning. Keys under ``details`` may change. A key with ``?`` may be missing. ``[]``
-is an item of a list, ``*`` a name of a map. The files ``batch.json`` and ``compare.json`` are as their commands print.
+is an item of a list, ``*`` a name of a map. The files ``batch.json``, ``compare.json`` and ``triage.json`` are as their
+commands print.
 """
 
 

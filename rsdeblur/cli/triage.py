@@ -10,21 +10,25 @@ from typing import Any, NamedTuple
 
 import click
 
+from rsdeblur._util.atomic import atomic_write
 from rsdeblur.choices import DROP, KEEP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
 from rsdeblur.cli._items import read_items
 from rsdeblur.cli._options import FOLDER, FOR_PHOTOS, Command, Recording, Target, option, refuse_given, require
-from rsdeblur.cli._output import FAILURES, progress, reason
+from rsdeblur.cli._output import FAILURES, prepare_folder, print_json, progress, reason, say, write_json
 from rsdeblur.cli._types import NOT_NEGATIVE, PATH
 from rsdeblur.errors import InputError
 
+REPORT, PLOT = "triage.json", "triage.svg"
+MANIFESTS = (".csv", ".txt")
+
 EXAMPLES = """\b
 Examples:
-  rsdeblur triage mars_session/ --camera phone.toml
-  rsdeblur triage frames/ --gyro gyro.csv --capture frames.csv --camera phone.toml --json > triage.json
-  rsdeblur triage clip.mp4 --gyro clip.mp4 --camera gopro.toml --duration 1/60 --keep 2 --drop 50
+  rsdeblur triage mars_session/ --camera phone.toml -o triage
+  rsdeblur triage frames/ --gyro gyro.csv --capture frames.csv --camera phone.toml --json
+  rsdeblur triage clip.mp4 --gyro clip.mp4 --camera gopro.toml --duration 1/60 --keep 2 --drop 50 -o triage
 """
 
 
@@ -56,30 +60,43 @@ class _Shot(NamedTuple):
     metavar="PX",
     help="Longest path of a picture that is worth deblurring.",
 )
-@_options.target_options()
+@_options.target_options("DIR", f"Folder for {REPORT} and {PLOT}; without it, print the counts only.")
 def command(source: Path, recording: Recording, keep: float, drop: float, target: Target) -> None:
     """Measure the blur of photos or frames by the gyro log alone.
 
     No pixels are read. Each picture gets the length of the longest path that a point draws during the exposure, in px,
     and a decision: keep, deblur or drop; unknown where the log does not cover the exposure. FOLDER is a session of a
     logger, a folder of photos with --gyro and --capture, or a manifest like that of `batch`; CLIP is a video. Blur by
-    focus and by moving subjects is not in a gyro log. --json lists every picture.
+    focus and by moving subjects is not in a gyro log.
     """
+    output: Path | None = target.output
+    if output is not None:
+        prepare_folder(output, [REPORT, PLOT], force=target.force)
     if drop < keep:
         raise click.UsageError("--drop must be at least --keep")
     rs.check_thresholds(keep, drop)
-    is_clip = source.is_file() and source.suffix.lower() not in (".csv", ".txt")
+    is_clip = source.is_file() and source.suffix.lower() not in MANIFESTS
     if is_clip:
         moment = recording.start if recording.start == "exif" else None
         refuse_given(FOR_PHOTOS, numbered_from=recording.numbered_from, start=moment)
-    shots = _frames(source, recording) if is_clip else _photos(source, recording)
+        shots = _frames(source, recording)
+    else:
+        shots = _photos(source, recording, output)
     if not shots:
         raise InputError(f"{source}: there is nothing to measure, because no photo is listed")
     import numpy as np
 
     judged = rs.Triage(np.array([shot.blur for shot in shots]), tuple(shot.reason for shot in shots), keep, drop)
-    facts = {"keep_px": keep, "drop_px": drop, "counts": judged.counts, "items": _entries(shots, judged)}
-    target.show("triage", facts, *_lines(source, judged))
+    entries = _entries(shots, judged)
+    report = {"keep_px": keep, "drop_px": drop, "counts": judged.counts, "items": entries}
+    if output is not None:
+        write_json(output / REPORT, "triage", report)
+        with atomic_write(output / PLOT) as file:
+            file.write(rs.timeline_svg([entry["time_s"] for entry in entries], judged))
+    if target.as_json:
+        print_json("triage", report)
+    else:
+        _print(source, judged, output)
     if judged.counts["unknown"] == len(judged):
         kind = "frames" if is_clip else "photos"
         raise InputError(f"{source}: the blur of all {len(judged)} {kind} is unknown, the first: {judged.reasons[0]}")
@@ -93,10 +110,10 @@ def _frames(source: Path, recording: Recording) -> list[_Shot]:
     return [_Shot({"frame": i}, each, *rs.blur_of(*device, each)) for i, each in enumerate(_shown(exposures))]
 
 
-def _photos(source: Path, recording: Recording) -> list[_Shot]:
+def _photos(source: Path, recording: Recording, output: Path | None) -> list[_Shot]:
     """Measure the photos of a folder or of a manifest."""
     shots = []
-    for item in _shown(read_items([source], recording, source / "triage")):
+    for item in _shown(read_items([source], recording, output or source / "triage")):
         exposure, blur, failure = None, math.nan, item.error
         if item.recording is not None:
             try:
@@ -131,11 +148,13 @@ def _entries(shots: Sequence[_Shot], judged: rs.Triage) -> list[dict[str, Any]]:
     ]
 
 
-def _lines(source: Path, judged: rs.Triage) -> Iterator[str]:
+def _print(source: Path, judged: rs.Triage, output: Path | None) -> None:
     counts = ", ".join(f"{count} {decision}" for decision, count in judged.counts.items() if count)
     known = [length for length in judged.lengths.tolist() if not math.isnan(length)]
-    yield f"{source}: {counts}" + (f"; median {median(known):.1f} px, largest {max(known):.1f} px" if known else "")
+    say(f"{source}: {counts}" + (f"; median {median(known):.1f} px, largest {max(known):.1f} px" if known else ""))
     reasons = [reason for reason in judged.reasons if reason is not None]
     # The reason of an error is printed at the end.
     if reasons and known:
-        yield f"  {len(reasons)} unknown, the first: {reasons[0]}"
+        say(f"  {len(reasons)} unknown, the first: {reasons[0]}")
+    if output is not None:
+        say(f"  see {output / REPORT} and {output / PLOT}")

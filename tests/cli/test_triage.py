@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import pytest
 from click.testing import Result
@@ -24,7 +25,7 @@ def test_folder_needs_no_pixels(run: Run, files: Files, tmp_path: Path) -> None:
     for i in range(3):
         (folder / f"{i}.png").touch()  # empty: whoever reads it fails
     (folder / "cover.png").touch()
-    call = ("triage", folder, *files.sources, "--capture", files.captures, "--keep", 2)
+    call = ("triage", folder, *files.sources, "--capture", files.captures, "--keep", 2, "-o", tmp_path / "out")
     result = run(*call, "--json")
     assert result.exit_code == 0, result.output
     report = json.loads(result.stdout)
@@ -34,7 +35,10 @@ def test_folder_needs_no_pixels(run: Run, files: Files, tmp_path: Path) -> None:
     assert "does not cover" in report["items"][2]["reason"]
     assert "neither a timestamp nor a frame number" in report["items"][3]["reason"]
     assert report["items"][1]["time_s"] == pytest.approx(0.1)
-    printed = run(*call).stdout
+    assert json.loads((tmp_path / "out" / "triage.json").read_text()) == report
+    assert ElementTree.parse(tmp_path / "out" / "triage.svg").getroot().tag.endswith("svg")
+    assert "the file exists" in run(*call).stderr
+    printed = run(*call, "--force").stdout
     assert "2 deblur, 2 unknown; median" in printed
     assert "the first: " in printed
 
@@ -51,13 +55,14 @@ def test_manifest_and_missing_files(run: Run, files: Files, tmp_path: Path) -> N
 
 
 def test_a_blur_that_is_unknown_everywhere_is_an_error(run: Run, files: Files, tmp_path: Path) -> None:
-    """The list is printed all the same, as it has all reasons; the message has the first one."""
-    manifest = tmp_path / "list.csv"
+    """The files are written all the same, as they have all reasons; the message has the first one."""
+    manifest, out = tmp_path / "list.csv", tmp_path / "out"
     manifest.write_text("photo,start,duration\na.png,9,40ms\nb.png,8,40ms\n")
-    result = run("triage", manifest, *files.sources, "--json")
+    result = run("triage", manifest, *files.sources, "-o", out, "--json")
     assert result.exit_code == 1
     assert f"{manifest}: the blur of all 2 photos is unknown, the first: the gyro log" in result.stderr
     assert json.loads(result.stdout)["counts"]["unknown"] == 2
+    assert json.loads((out / "triage.json").read_text()) == json.loads(result.stdout)
 
 
 OF_PHOTOS = ("--numbered-from", 1), ("--start", "exif")

@@ -3,16 +3,18 @@
 import json
 from html.parser import HTMLParser
 from itertools import pairwise
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 import rsdeblur
-from rsdeblur import Camera, Exposure, GyroLog, OutputError, PsfBank
+from rsdeblur import Camera, Exposure, GyroLog, OutputError, PsfBank, triage
 from rsdeblur.report import drawings, psf_map, side_by_side
 from rsdeblur.report.drawings import LONG_SIDE, TITLE
 from rsdeblur.report.facts import findings, motion_data
 from rsdeblur.report.page import render, write_page
+from rsdeblur.report.timeline import timeline_svg
 
 # Every way out of an element, an attribute, a comment, JSON and a template.
 HOSTILE = (
@@ -244,3 +246,18 @@ def test_side_by_side_shows_each_picture_in_its_column() -> None:
     half = sheet.shape[1] // 2
     assert np.median(sheet[100:400, 100 : half - 100]) == pytest.approx(0.25, abs=1 / 255)
     assert np.median(sheet[100:400, half + 100 : -100]) == pytest.approx(0.75, abs=1 / 255)
+
+
+def test_the_timeline_has_a_dot_for_each_exposure() -> None:
+    exposures = [Exposure(0.2, 0.01), Exposure(1.2, 0.1), Exposure(5.0, 0.1)]
+    t, camera = np.arange(0.0, 2.0, 0.005), Camera(160, 120, 400.0)
+    # A turn of 1 rad/s about the y axis until 1 s, then rest.
+    log = GyroLog(t, np.where(t < 1.0, 1.0, 0.0)[:, None] * [0.0, 1.0, 0.0])
+    root = ElementTree.fromstring(timeline_svg([0.0, 1.0, None], triage(log, camera, exposures)))
+    dots = [dot for dot in root.iter() if dot.tag.endswith("circle") and dot.get("r") == "2.5"]
+    assert len(dots) == 2
+    assert float(dots[0].get("cx")) < float(dots[1].get("cx"))
+    # Higher is more.
+    assert float(dots[0].get("cy")) < float(dots[1].get("cy"))
+    # Nothing to draw is no error.
+    ElementTree.fromstring(timeline_svg([], triage(log, camera, [])))
