@@ -13,7 +13,7 @@ from scipy.signal import fftconvolve
 
 from rsdeblur._util import validate
 from rsdeblur._util.files import atomic_write, open_file
-from rsdeblur._util.one_line import one_line
+from rsdeblur._util.one_line import html_with_pictures, one_line
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.motion.paths import BlurPaths
@@ -281,6 +281,10 @@ class PsfBank:
         kernel: FloatArray = np.einsum("b,s,bsij->ij", *weights, self.kernels, dtype=np.float64)
         return kernel.astype(np.float32)
 
+    def _repr_html_(self) -> str:
+        """Return the representation and the kernels for a notebook."""
+        return html_with_pictures(self, {"kernels": kernel_sheet(self)})
+
     def padded(self, size: tuple[int, int]) -> PsfBank:
         """Return the bank with kernels surrounded by zeros.
 
@@ -393,6 +397,16 @@ class PsfBank:
                     return cls(archive["kernels"], archive["rows"], archive["cols"], paths, softness)
             except Exception as error:  # zipfile, zlib and NumPy's header parser raise many kinds on damaged files
                 raise FileFormatError(f"{path}: not a PSF bank: {error}") from error
+
+
+def kernel_sheet(bank: PsfBank) -> NDArray[np.float32]:
+    """Return at most 12 x 12 kernels of a bank as one grey picture in [0, 1], framed, each with its peak white."""
+    rows, cols = (-(-n // 12) for n in bank.kernels.shape[:2])  # at most 12 of each
+    shown = np.pad(bank.kernels[rows // 2 :: rows, cols // 2 :: cols], ((0, 0), (0, 0), (1, 1), (1, 1)))
+    shown = np.sqrt(np.clip(shown / shown.max(axis=(2, 3), keepdims=True), 0.0, 1.0))  # brightens faint parts
+    shown[:, :, [0, -1]] = shown[..., [0, -1]] = 0.3  # grey frames
+    sheet: NDArray[np.float32] = shown.transpose(0, 2, 1, 3).reshape(len(shown) * shown.shape[2], -1)
+    return sheet
 
 
 def size_of(paths: BlurPaths) -> tuple[int, int]:

@@ -1,12 +1,16 @@
 """The PSF bank; representations of one line; and the examples in docstrings, which run as they are printed."""
 
+import base64
 import doctest
 import inspect
 import math
+import re
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import rsdeblur as rs
 import rsdeblur.io.pictures
@@ -63,6 +67,19 @@ def test_representations_are_one_short_line() -> None:
         assert len(text) < 330
     assert "spent" not in repr(rs.plan(LOG, CAMERA, EXPOSURE)), "a field that is not to be shown"
     assert repr(Camera(48, 36, 60.0, time_offset=0.5)).endswith("imu_to_camera=float64[3, 3], time_offset=0.5)")
+
+
+def test_notebooks_show_pictures_and_kernels() -> None:
+    image = np.full((36, 48, 4), 200, np.uint8)
+    result = rs.deblur(image, LOG, CAMERA, EXPOSURE, prior="wiener")
+    for thing, names in ((BANK, ["kernels"]), (result, ["blurred", "sharp", "kernels"])):
+        page = thing._repr_html_()
+        assert repr(thing).partition("=")[0] in page
+        assert re.findall('alt="([a-z]+)" width="4', page) == names
+        uris = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+        pictures = [np.asarray(Image.open(BytesIO(base64.b64decode(uri)))) for uri in uris]
+        # The input's own encoding is that of the screen; its alpha is left out.
+        assert (pictures[0] == 200).all() == (len(names) == 3)
 
 
 def test_the_kernel_at_a_point_is_interpolated() -> None:

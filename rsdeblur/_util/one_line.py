@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
+import html
 import inspect
 import numbers
 from collections.abc import Callable, Mapping
+from io import BytesIO
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 Class = TypeVar("Class", bound=type)
 
 # Arrays of at most this many values are shown, longer ones by type and shape.
 FEW = 4
 LONGEST_TEXT = 60
+# Longer side of a picture in a notebook, px: two stand beside each other.
+SIDE = 480
 
 
 def one_line(*names: str) -> Callable[[Class], Class]:
@@ -69,3 +75,26 @@ def brief(value: Any) -> str:
     if len(text) > LONGEST_TEXT or "\n" in text:
         return f"{text[:LONGEST_TEXT]}...{text[-1]}" if isinstance(value, str) else f"{type(value).__name__}(...)"
     return text
+
+
+def html_with_pictures(thing: object, pictures: Mapping[str, NDArray[np.floating]]) -> str:
+    """Return HTML for a notebook: the representation, and pictures of sRGB values in [0, 1] with their names."""
+    figures = "".join(map(_figure, pictures, pictures.values()))
+    style = "display: flex; flex-wrap: wrap; gap: 8px"
+    return f'<div><code>{html.escape(repr(thing))}</code><div style="{style}">{figures}</div></div>'
+
+
+def _figure(name: str, picture: NDArray[np.floating]) -> str:
+    from PIL import Image
+
+    buffer = BytesIO()
+    image = Image.fromarray(np.round(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8))
+    image.thumbnail((SIDE, SIDE))
+    image.save(buffer, "PNG")
+    uri = f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"
+    # Small pictures are enlarged by a whole number.
+    width, style = SIDE // max(image.size) * image.width, "max-width: 100%; image-rendering: pixelated"
+    return (
+        f'<figure style="margin: 0"><figcaption>{name}</figcaption>'
+        f'<img alt="{name}" width="{width}" style="{style}" src="{uri}"></figure>'
+    )

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from rsdeblur._util.files import atomic_write
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import transfer_of
@@ -31,7 +32,8 @@ LINE = TextType("LENGTH,ANGLE", partial(numbers, example="12,30 (px and degrees)
 @_options.recording_options(*_options.ONE_PHOTO, required=())
 @_options.solve_options("mode", "bands", "strips", "motion", "softness", "nsr")
 @option("--picture", "photo", type=PATH, metavar="PHOTO", help="Draw the kernels over this picture.")
-@option("--bank", type=PATH, metavar="NPZ", help="Save the kernels, their places and their paths.")
+@option("--bank", type=PATH, metavar="NPZ", help="Save the kernels and their places.")
+@option("--path", type=PATH, metavar="CSV", help="Save the paths: row and column, t (s), x and y (px).")
 @option("--line", type=LINE, help="Straight motion in px and degrees, instead of a log.")
 @option("--disc", type=NumberType(0, 200), help="Diameter of the defocus in px, instead of a log.")
 @option("--gauss", type=NumberType(0, 30), help="Standard deviation of a Gaussian in px, instead of a log.")
@@ -41,6 +43,7 @@ def command(
     options: Options,
     photo: Path | None,
     bank: Path | None,
+    path: Path | None,
     target: Target,
     **shape: Any,
 ) -> None:
@@ -51,10 +54,12 @@ def command(
     """
     output: Path | None = target.output
     if shape := {name: value for name, value in shape.items() if value is not None}:
-        refuse_given("has no meaning with --line, --disc or --gauss", picture=photo, bank=bank)
+        refuse_given("has no meaning with --line, --disc or --gauss", picture=photo, bank=bank, path=path)
         check_sources(click.get_current_context(), recording, shape)
         return _draw(shape, target)
     require(recording, "gyro", "camera")
+    if path is not None:
+        check_output(path, force=target.force, suffixes=(".csv",), kind="paths are a CSV file")
     if output is not None:
         rs.check_writable(output, force=target.force)
     if bank is not None:
@@ -71,6 +76,8 @@ def command(
             rs.write_picture(output, drawing, force=target.force)
     if bank is not None:
         kernels.save(bank)
+    if path is not None:
+        _save_paths(path, kernels, ready.inputs.exposure.duration)
     bands, strips = paths.lengths.shape
     shortest, longest = float(paths.lengths.min()), float(paths.lengths.max())
     tall, wide = kernels.size
@@ -84,6 +91,20 @@ def command(
     }
     grid = f"{bands} x {strips} kernels (bands x strips) of {wide} x {tall} px"
     target.show("psf", facts, f"{grid}, paths {shortest:.1f} to {longest:.1f} px long")
+
+
+def _save_paths(path: Path, bank: rs.PsfBank, duration: float) -> None:
+    """Write the paths of a bank, at times relative to the middle of each place's exposure."""
+    import numpy as np
+
+    paths = bank.displacements
+    assert paths is not None
+    bands, strips, samples, _ = paths.shape
+    places = np.repeat(bank.centres.reshape(-1, 2), samples, axis=0)
+    t = np.tile(duration * np.linspace(-0.5, 0.5, samples), bands * strips)
+    table = np.column_stack([places, t, paths.reshape(-1, 2)])
+    with atomic_write(path) as file:
+        np.savetxt(file, table, fmt="%.9g", delimiter=",", header="row,column,t,x,y", comments="")
 
 
 def _draw(shape: dict[str, Any], target: Target) -> None:

@@ -137,6 +137,7 @@ def deconvolve_with(
         noise=strengths.noise,
         chroma=chroma_of(options, bank.size, encoded.shape),
         mode=mode_of(bank),
+        blurred=np.asarray(image),
     )
 
 

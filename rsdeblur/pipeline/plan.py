@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur._util.one_line import one_line
+from rsdeblur._util.one_line import html_with_pictures, one_line
 from rsdeblur._util.threads import beside
 from rsdeblur.choices import Chroma, Mode, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.check import QualityCheck, doubted_by
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.refine import Refinement, refine
-from rsdeblur.image.encoded import EncodedImage, check_size, result_like
+from rsdeblur.image.encoded import EncodedImage, check_size, displayed, result_like
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.image.mending import UndershootMeter
@@ -30,7 +30,7 @@ from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import PictureSolver, Strengths, chroma_of
 from rsdeblur.pipeline.steps import StageClock, blendable, derive_strengths, judged, solve_chunks, split_highlights
 from rsdeblur.pipeline.tiles import tile_errors, tile_paths, with_mode
-from rsdeblur.psf import PsfBank
+from rsdeblur.psf import PsfBank, kernel_sheet
 from rsdeblur.types import FloatImage, Progress
 
 
@@ -72,6 +72,8 @@ class DeblurResult:
         Error of the paths, px, that tiles make down the picture, because it is blurred otherwise within the height of a
         PSF; root mean square. It decides the mode "auto": above 0.1 px, rows are solved one by one. None where kernels
         were given.
+    blurred : ndarray or None
+        The input, not a copy; None for a burst.
     """
 
     image: NDArray[Any]
@@ -89,6 +91,15 @@ class DeblurResult:
     chroma: Chroma = "full"
     mode: Mode = "banded"
     tile_error: float | None = None
+    blurred: NDArray[Any] | None = field(default=None, repr=False)
+
+    def _repr_html_(self) -> str:
+        """Return the representation, the pictures and the kernels for a notebook."""
+        pictures = {} if self.blurred is None else {"blurred": self.blurred}
+        pictures |= {"sharp": self.image}
+        step = max(1, max(self.image.shape) // 1000)  # decoding takes as long as the picture is large
+        shown = {name: displayed(picture[::step, ::step], self.transfer) for name, picture in pictures.items()}
+        return html_with_pictures(self, shown | {"kernels": kernel_sheet(self.psfs)})
 
 
 @one_line()
@@ -206,6 +217,7 @@ class Plan:
             chroma=chroma_of(self.options, bank.size, encoded.shape),
             mode=mode,
             tile_error=tile_errors(self.capture)[0] ** 0.5,
+            blurred=np.asarray(image),
         )
 
     def _encoded(self, image: ArrayLike) -> EncodedImage:

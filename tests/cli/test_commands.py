@@ -112,10 +112,10 @@ def test_compare_writes_pictures_facts_and_a_report(run: Run, files: Files, tmp_
 
 
 def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:
-    drawing, bank = tmp_path / "psfs.png", tmp_path / "psfs.npz"
+    drawing, bank, paths = tmp_path / "psfs.png", tmp_path / "psfs.npz", tmp_path / "paths.csv"
     result = run(
         "psf", *files.recording, "--bands", 4, "--strips", 2, "-o", drawing, "--bank", bank,
-        "--picture", files.photo, "--json",
+        "--picture", files.photo, "--path", paths, "--json",
     )  # fmt: skip
     assert result.exit_code == 0, result.stderr
     report = json.loads(result.stdout)
@@ -125,7 +125,10 @@ def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:
     assert 0.0 < report["path_px"]["shortest"] <= report["path_px"]["longest"]
     with Image.open(drawing) as picture:
         assert picture.mode == "RGB"
-    assert loaded.displacements is not None
+    table = np.loadtxt(paths, delimiter=",", skiprows=1).reshape(4, 2, -1, 5)
+    np.testing.assert_allclose(table[..., 3:], loaded.displacements, rtol=1e-8, atol=1e-12)  # nine digits
+    np.testing.assert_allclose(table[:, :, 0, :2], loaded.centres, rtol=1e-8)
+    assert np.ptp(table[0, 0, :, 2]) == pytest.approx(DURATION)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".npy", ".npz"])
