@@ -403,9 +403,17 @@ async function start() {
   for (const choice of document.querySelectorAll("input[type=file]")) {
     choice.addEventListener("change", () => receive([...choice.files], choice.dataset.for));
   }
-  const { photos, form: given } = await ask("start", "{}");
+  const { photos, form: given, camera } = await ask("start", "{}");
   find("photos").append(...photos.map((photo) => new Option("", photo)));
   fill({ photo: photos[0], ...given });
+  if (camera) {
+    find("last-camera").textContent = `Use the last camera file: ${lastPart(camera)}`;
+    find("last-camera").hidden = false;
+    find("last-camera").addEventListener("click", () => {
+      find("camera").value = camera;
+      openIfComplete();
+    });
+  }
   await openIfComplete();
 }
 

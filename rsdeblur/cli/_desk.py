@@ -21,7 +21,7 @@ from typing import Any
 import click
 import numpy as np
 
-from rsdeblur._util.files import FileState, file_state
+from rsdeblur._util.files import FileState, atomic_write, file_state, read_file
 from rsdeblur.app.crop import Basis, Crop, derive_basis, solve_crop
 from rsdeblur.app.server import Uploads, plain
 from rsdeblur.choices import CAMERA
@@ -43,6 +43,8 @@ from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.report.drawings import bank_data, picture_uris
 from rsdeblur.report.facts import readout_data
 
+# Bytes of a camera file that is kept for the next start; videos contain cameras too.
+LARGEST_CAMERA = 1 << 20
 # Options that have a slider; the strengths of the whole picture are derived without them, and so stay while they move.
 MOVED = ("time_offset", "readout_time", "focal_length", "softness")
 # Options that the page sets; "more" contains the others.
@@ -102,17 +104,22 @@ class Job:
 
 
 class Desk:
-    """Request handlers of the page, which offers `photos` and begins with the `given` options in its form."""
+    """Request handlers of the page, which offers `photos` and begins with the `given` options in its form.
 
-    def __init__(self, photos: Sequence[str], given: Mapping[str, str]) -> None:
+    The last camera file is kept in the folder `settings`, and offered by the next start.
+    """
+
+    def __init__(self, photos: Sequence[str], given: Mapping[str, str], settings: Path) -> None:
         self._photos, self._given = list(photos), dict(given)
+        self._cameras = settings / "last-camera"
         self.uploads = Uploads()
         # One computation at a time; it also guards the filters of warnings, which are the process's.
         self._busy, self._saving = threading.Lock(), threading.Lock()
         self._basis = lru_cache(maxsize=8)(self._derived)
+        self._example: dict[str, str] = {}
         self._job = Job()
         actions: dict[str, Action] = {
-            "start": lambda form: {"photos": self._photos, "form": filled(self._given)},
+            "start": self._start,
             "example": self._made,
             "open": self._open,
             "solve": self._solve,
@@ -136,10 +143,17 @@ class Desk:
         """Keep a file until the app ends, and return its path."""
         return {"path": str(self.uploads.keep(name, content))}
 
+    def _start(self, form: Form) -> dict[str, Any]:
+        camera = ""
+        with suppress(OSError):
+            camera = next(map(str, self._cameras.iterdir()), "")
+        return {"photos": self._photos, "form": filled(self._given), "camera": camera}
+
     def _made(self, form: Form) -> dict[str, Any]:
         """Write an example, and return its form."""
         with self._busy:
-            return {"form": filled(self.uploads.fill("the example", _example))}
+            self._example = filled(self.uploads.fill("the example", _example))
+        return {"form": self._example}
 
     def _open(self, form: Form) -> dict[str, Any]:
         """Read the files of a form, and describe the picture and the recording."""
@@ -155,6 +169,7 @@ class Desk:
             # The search took seconds; from now on, the moment that it found is given.
             start = exposure.epoch_ns + round(1e9 * exposure.start)
             moment = {"start": "", "start_ns": str(start), "time_offset": f"{camera.time_offset:.6f}"}
+        self._remember(path_of(form, "camera"))
         return {
             "name": photo.name,
             "size": [camera.width, camera.height],
@@ -171,6 +186,21 @@ class Desk:
             "output": str(self._free_name(photo)),
             "notes": notes,
         }
+
+    def _remember(self, name: str) -> None:
+        """Keep a copy of a camera file in place of the last one; that of the example is nobody's."""
+        path = Path(name)
+        if not name or path.parent == self._cameras or name == self._example.get("camera"):
+            return
+        with suppress(OSError, RsdeblurError):
+            content = read_file(path, "camera file", size=LARGEST_CAMERA + 1)
+            if len(content) <= LARGEST_CAMERA:
+                self._cameras.mkdir(parents=True, exist_ok=True)
+                others = [other for other in self._cameras.iterdir() if other.name != path.name]
+                with atomic_write(self._cameras / path.name) as file:
+                    file.write(content)
+                for other in others:
+                    other.unlink()
 
     def _free_name(self, photo: Path) -> Path:
         """Return a path for the result that no file has: beside the photo, or in the working folder."""

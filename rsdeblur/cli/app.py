@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import platformdirs
 from click.core import ParameterSource
 
 from rsdeblur.cli import _engine as rs
@@ -34,9 +35,9 @@ def command(photos: tuple[Path, ...], recording: Recording, port: int, no_browse
     shows a crop with its PSFs and the check's verdict, copies the command for `rsdeblur deblur`, and saves the full
     picture with the same code. Ctrl-C ends it.
     """
-    names = [str(photo.absolute()) for photo in photos]
+    names, settings = [str(photo.absolute()) for photo in photos], platformdirs.user_config_path("rsdeblur")
     with (
-        rs.Desk(names, _given(click.get_current_context())) as desk,
+        rs.Desk(names, _given(click.get_current_context()), settings) as desk,
         rs.LocalServer(rs.app_page(), desk.actions, desk.upload, port) as server,
     ):
         say(server.url, "Open this address in a browser of this machine; Ctrl-C ends the app.")

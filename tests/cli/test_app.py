@@ -6,6 +6,7 @@ import signal
 import sys
 import tempfile
 import threading
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -37,8 +38,14 @@ def form(files):
 
 
 @pytest.fixture
-def desk():
-    with Desk([], {}) as open_desk:
+def make_desk(tmp_path):
+    """Return a desk with its settings in a temporary folder, for photos and options of the command line."""
+    return partial(Desk, settings=tmp_path / "settings")
+
+
+@pytest.fixture
+def desk(make_desk):
+    with make_desk([], {}) as open_desk:
         yield open_desk
 
 
@@ -101,8 +108,8 @@ def test_files_that_the_browser_sent_have_the_names_that_the_user_knows(desk, fo
         desk.actions["open"](form | {"photo": "photo.png"})
 
 
-def test_every_option_of_the_recording_has_a_field():
-    with Desk([], dict.fromkeys(MANY, "1")) as desk:
+def test_every_option_of_the_recording_has_a_field(make_desk):
+    with make_desk([], dict.fromkeys(MANY, "1")) as desk:
         form = desk.actions["start"]({})["form"]
     assert form.keys() >= {"gyro", "start", "time_offset"}
     assert [name for name in form if f' name="{name}"' not in app_page()] == []
@@ -110,9 +117,23 @@ def test_every_option_of_the_recording_has_a_field():
     assert sorted(others[::2]) == sorted(f"--{name.replace('_', '-')}" for name in MANY if name not in form)
 
 
-def test_the_example_opens(desk):
+def test_the_last_camera_file_is_offered_again(make_desk, form):
+    camera = Path(form["camera"])
+    for name in ("first.toml", "phone.toml"):
+        camera = camera.rename(camera.with_name(name))
+        with make_desk([], {}) as desk:
+            desk.actions["open"](form | {"camera": str(camera)})
+    with make_desk([], {}) as desk:
+        kept = desk.actions["start"]({})["camera"]
+        assert Path(kept).name == "phone.toml"
+        assert Path(kept).read_bytes() == camera.read_bytes()
+        assert desk.actions["open"](form | {"camera": kept})["size"] == [96, 72]
+
+
+def test_the_example_opens_and_its_camera_is_nobodys(desk, tmp_path):
     opened = desk.actions["open"](desk.actions["example"]({})["form"])
     assert (opened["name"], opened["axes"], opened["start"]) == ("blurred.png", "camera", 0.25)
+    assert not (tmp_path / "settings").exists()
 
 
 def test_a_photo_and_its_log_suffice(desk, files, form, run, monkeypatch, tmp_path):
@@ -189,12 +210,12 @@ def test_errors_have_the_text_of_the_command_line(desk, form, changes, message):
         desk.actions["solve"](form | changes)
 
 
-def test_the_page_in_a_browser(browser, files, form, tmp_path):
+def test_the_page_in_a_browser(browser, make_desk, files, form, tmp_path):
     """Choose files, move a slider, save: no error on the console, no request to the outside, no complaint of axe."""
     complaints: list[str] = []
     requests: list[str] = []
     given = {name: form[name] for name in ("start", "duration")}
-    with Desk([], given) as desk, LocalServer(app_page(), desk.actions, desk.upload) as server:
+    with make_desk([], given) as desk, LocalServer(app_page(), desk.actions, desk.upload) as server:
         threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
         context = browser.new_context(viewport={"width": 400, "height": 844}, color_scheme="dark")
         tab = context.new_page()
@@ -237,6 +258,8 @@ def test_the_page_in_a_browser(browser, files, form, tmp_path):
         tab.wait_for_selector("#error:not([hidden])")
         assert "absent.csv" in tab.inner_text("#error")
         assert violations(tab) == []
+        tab.reload()
+        tab.wait_for_selector("#last-camera:has-text('camera.toml')")
         assert [url for url in requests if not url.startswith(("data:", server.url))] == []
         context.close()
         server.shutdown()
