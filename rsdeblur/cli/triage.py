@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import click
 
-from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.files import atomic_write
 from rsdeblur.choices import DROP, KEEP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
