@@ -8,17 +8,24 @@ VENV_PYTHON = $(BIN)/python$(EXE)
 PIP = $(BIN)/python -m pip install --quiet
 CBUILD = build/c
 
-.PHONY: demo test test-lowest lint test-c docs dist clean
+.PHONY: demo test with-test test-plain-c test-lowest lint test-c docs dist clean
 
 demo: $(VENV_PYTHON)
 	@echo 'Installing rsdeblur and the libraries it needs into $(VENV): a minute or more.'
 	$(BIN)/python -m pip install .
 	$(BIN)/rsdeblur demo -v --force -o demo-output
 
+# The C code is compiled and tested while pip works, which takes one processor.
 test: $(VENV_PYTHON)
-	$(PIP) '.[test]' 'meson>=1.4' ninja
-	$(call run-c,plain,)
+	$(PIP) 'meson>=1.4' ninja
+	$(MAKE) --jobs=2 with-test test-plain-c
 	$(PYTEST)
+
+with-test:
+	$(PIP) '.[test]'
+
+test-plain-c:
+	$(call run-c,plain,)
 
 # A few tests, which use every dependency, on the lowest versions of the dependencies, in an environment of their own.
 test-lowest: override VENV = build/lowest

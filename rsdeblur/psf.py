@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter
-from scipy.signal import fftconvolve
 
 from rsdeblur._util import validate
 from rsdeblur._util.files import atomic_write, open_file
@@ -216,6 +215,8 @@ class PsfBank:
         >>> rsdeblur.PsfBank.parametric(line=(12, 30), disc=4, gauss=1.2).size
         (21, 25)
         """
+        from scipy.signal import fftconvolve  # takes 0.5 s to import, which other kernels need not spend
+
         length, angle = validate.real_array("line", line, (2,))
         length = validate.finite("the length of line", float(length), minimum=0.0, maximum=300.0)
         disc = validate.finite("disc", disc, minimum=0.0, maximum=200.0)

@@ -48,6 +48,13 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from tests.installed import needs  # noqa: E402 (found by the path above)
 
+# The first process compiles every kernel while the second one tests what needs none; then come the longest files, so
+# that all processes end together.
+FIRST = (
+    *("kernels/test_twins.py", "test_faults.py", "io", "test_hostile_input.py", "test_build.py"),
+    *("test_docs.py", "estimate", "burst", "calibration", "pipeline", "simulation", "cli"),
+)
+
 
 def _drawn_once(draw: Callable[..., FloatImage]) -> Callable[..., FloatImage]:
     """Return `draw` with a memory: to draw a scene takes half a second, and many tests take the same scenes."""
@@ -65,12 +72,19 @@ def _drawn_once(draw: Callable[..., FloatImage]) -> Callable[..., FloatImage]:
 scenes.scene = _drawn_once(scenes.scene)
 
 
+@functools.cache
+def _place(path: Path) -> int:
+    parts = path.relative_to(Path(__file__).parent)
+    return next((n for n, name in enumerate(FIRST) if parts.is_relative_to(name)), len(FIRST))
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--except-passed", metavar="JUNIT.xml", help="leave out what passed in the run of this report")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what passed in an earlier run; what it skipped, or did not have, stays."""
+    """Order the files, and leave out what passed in an earlier run; what it skipped, or did not have, stays."""
+    items.sort(key=lambda item: _place(item.path))
     report = config.getoption("--except-passed")
     if report is None:
         return

@@ -15,8 +15,10 @@ from click.testing import CliRunner
 
 import rsdeblur
 from benchmarks.tutorials import BLOCK, Step, steps
+from rsdeblur import Correction
 from rsdeblur._util import workers
 from rsdeblur.cli import main
+from rsdeblur.estimate import Refinement
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -48,6 +50,16 @@ def follow(step: Step, size: str) -> None:
         result = CliRunner().invoke(main, words, catch_exceptions=False)
         assert (result.exit_code != 0) == step.is_refused, f"{step.text}: {result.stderr}"
         assert "warning" not in result.stderr
+
+
+@pytest.fixture(autouse=True)
+def unrefined(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refine at once: what a picture says of its recording has its own tests."""
+
+    def refine(_: object, *recording: Any, **__: object) -> Refinement:
+        return Refinement(*recording, None, False, "", Correction(), Correction(), 0.0, 0.0, 0.0)
+
+    monkeypatch.setattr("rsdeblur.pipeline.plan.refine", refine)
 
 
 def test_the_commands_of_the_walkthrough_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

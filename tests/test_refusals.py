@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import asdict
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +29,7 @@ IMAGE = np.random.default_rng(0).random((*SHAPE, 3), dtype=np.float32)
 PLAIN, GREY = IMAGE[..., 0], IMAGE[..., 0].astype(np.float64)
 KERNEL, POINT = np.full((1, 5), 0.2), np.ones((1, 1))
 BANK = PsfBank.for_picture(KERNEL, SHAPE)
-CAPTURE = Capture.from_log(LOG, CAMERA, EXPOSURE)
-PATHS = BlurPaths.every_row(CAPTURE, [20.0])
-BLUR, WIENER, TILES = deconv.RowBlur(PATHS, WIDTH), rs.Deconvolver(BANK, SHAPE), TileQuadratic(BANK, SHAPE)
-ROWS, PLAN, PRIOR = deconv.RowDeconvolver(PATHS, SHAPE), rs.plan(LOG, CAMERA, EXPOSURE), DerivativePrior("tv", 0.01)
+PATHS, PRIOR = BlurPaths(np.full((HEIGHT, 1, 2, 2), 0.5), np.arange(HEIGHT), [20.0]), DerivativePrior("tv", 0.01)
 TRAJECTORY = Trajectory([0, 1], [[0, 0, 0], [1, 0, 0]], [[0, 0, 0, 1]] * 2)
 PIXELS = np.zeros((4, 4), np.uint8)
 T = np.linspace(0.0, 1.0, 11)
@@ -54,6 +51,14 @@ class Lazy:
 
     def __dask_graph__(self) -> dict[str, int]:
         return {"chunk": 1}
+
+
+# Planned when a test wants them: to collect tests must not wait for kernels to be compiled.
+blur = cache(lambda: deconv.RowBlur(PATHS, WIDTH))
+wiener = cache(lambda: rs.Deconvolver(BANK, SHAPE))
+tiles = cache(lambda: TileQuadratic(BANK, SHAPE))
+rows = cache(lambda: deconv.RowDeconvolver(PATHS, SHAPE))
+plan = cache(lambda: rs.plan(LOG, CAMERA, EXPOSURE))
 
 
 def deblur(image: Any = IMAGE, camera: Any = CAMERA, **options: Any) -> Call:
@@ -121,7 +126,7 @@ PICTURES: list[tuple[str, Call]] = [
     (r"lazy .*compute\(\).*mmap_mode", deblur(Lazy())),
     *(("rsdeblur.read_picture", deblur(path)) for path in ("photo.png", Path("photo.png"))),
     ("pass its .pixels", deblur(Picture(np.zeros(SHAPE, np.uint8)))),
-    ("pass its .pixels", lambda: WIENER.apply(Picture(np.zeros(SHAPE, np.uint8)))),
+    ("pass its .pixels", lambda: wiener().apply(Picture(np.zeros(SHAPE, np.uint8)))),
     ("sharp must be .* int64", lambda: rs.simulate(IMAGE.astype(np.int64), LOG, CAMERA, EXPOSURE)),
     ("values must be floats, got uint8", lambda: rs.to_linear(np.zeros((4, 4), np.uint8), "srgb")),
     ("log must be .*rsdeblur.read_gyro", lambda: rs.psfs(Path("gyro.csv"), CAMERA, EXPOSURE)),
@@ -137,13 +142,13 @@ SOLVERS: list[tuple[str, Call]] = [
     ("noise must be", lambda: rs.deconvolve(GREY, KERNEL, noise=-1.0)),
     *((name, partial(rs.deconvolve, GREY, KERNEL, **{name: None})) for name in ("mode", "bands", "refine")),
     ("a pixel or more apart", lambda: rs.Deconvolver(impulses(0.2, 5), SHAPE)),
-    ("planned shape", lambda: WIENER.apply(GREY[:-1])),
-    *(("linear light|real numbers", partial(WIENER.apply, image)) for image in (
+    ("planned shape", lambda: wiener().apply(GREY[:-1])),
+    *(("linear light|real numbers", lambda image=image: wiener().apply(image)) for image in (
         GREY.astype(np.uint8), GREY.astype(int).tolist(), GREY > 0.5, GREY.astype(complex))),
-    ("out must be", lambda: WIENER.apply(IMAGE[..., 0], out=np.empty(SHAPE))),
-    ("writable", lambda: WIENER.apply(IMAGE[..., 0], out=np.broadcast_to(np.float32(0), SHAPE))),
-    ("at most 1 x 5 px, got 1 x 7", lambda: WIENER.replan(PsfBank.for_picture(np.full((1, 7), 1 / 7), SHAPE))),
-    ("elsewhere", lambda: WIENER.replan(PsfBank.for_picture(np.full((2, 1, 1, 5), 0.2), SHAPE))),
+    ("out must be", lambda: wiener().apply(IMAGE[..., 0], out=np.empty(SHAPE))),
+    ("writable", lambda: wiener().apply(IMAGE[..., 0], out=np.broadcast_to(np.float32(0), SHAPE))),
+    ("at most 1 x 5 px, got 1 x 7", lambda: wiener().replan(PsfBank.for_picture(np.full((1, 7), 1 / 7), SHAPE))),
+    ("elsewhere", lambda: wiener().replan(PsfBank.for_picture(np.full((2, 1, 1, 5), 0.2), SHAPE))),
     *((words, partial(DerivativePrior, *given)) for words, given in (
         ("kind must be", ("lasso", 0.1)), ("weight must be", ("tv", 0.0)), ("exponent must", ("tv", 1, 2)))),
     ("nsr must be", lambda: TileQuadratic(BANK, SHAPE, nsr=-1.0)),
@@ -154,8 +159,8 @@ SOLVERS: list[tuple[str, Call]] = [
     ("share for each", lambda: BurstQuadratic([BANK], [0.5, 0.5], SHAPE)),
     ("same places", lambda: BurstQuadratic([BANK, impulses(9, 36)], [0.5, 0.5], SHAPE)),
     ("planned for 1", lambda: BurstQuadratic([BANK], [1.0], SHAPE).apply([GREY, GREY])),
-    ("picture must not have values beyond", lambda: BLUR.adjoint(np.full(SHAPE, 1e300))),
-    ("latent must be finite", lambda: BLUR.forward(np.full(BLUR.latent_shape, np.nan))),
+    ("picture must not have values beyond", lambda: blur().adjoint(np.full(SHAPE, 1e300))),
+    ("latent must be finite", lambda: blur().forward(np.full(blur().latent_shape, np.nan))),
     ("at most 2000000000 values", lambda: deconv.RowBlur(PATHS, 10**9)),
     ("1000009x1000009 px would take", lambda: deconv.RowBlur(longest(1e6), WIDTH)),
     ("filters of 12100 tiles .* GiB", lambda: rs.Deconvolver(impulses(10, 1100), (1100, 1100), nsr=1e-6)),
@@ -280,7 +285,7 @@ SEARCHES: list[tuple[str, Call]] = [
         ("reference", [IMAGE] * 3, {"reference": 3}), ("2 to 64 frames", [IMAGE], {}),
         ("each frame needs an exposure", [IMAGE] * 2, {}), ("frame 2 has shape", [IMAGE, IMAGE, PLAIN], {}),
         ("frame 2: the picture is 48x12", [IMAGE, IMAGE, IMAGE[:12]], {}))),
-    *(("the denoiser", partial(TILES.apply, PLAIN, prior=deconv.PlugAndPlayPrior(lambda *_, found=found: found, 0.01)))
+    *(("the denoiser", lambda found=found: tiles().apply(PLAIN, prior=deconv.PlugAndPlayPrior(lambda *_: found, 0.01)))
       for found in (PIXELS, PIXELS.astype("f"), np.full(SHAPE, math.nan), None, "a", PLAIN > 0.5, PLAIN.astype("c8"))),
     ("gyro samples, more than", lambda: burst_captures(
         GyroLog(np.arange(17_600) / 8000, np.zeros((17_600, 3))), CAMERA, [Exposure(0.05, 1.5), Exposure(1.8, 0.01)])),
@@ -356,8 +361,8 @@ CALLS: dict[str, Door] = {
     ),
     **options(rs.psfs, (LOG, CAMERA, EXPOSURE), "mode bands strips nsr motion translation softness"),
     "plan: options": lambda x: rs.plan(LOG, CAMERA, EXPOSURE, x),
-    "Plan.apply: image": lambda x: PLAN.apply(x),
-    "Plan.prepare: image": lambda x: PLAN.prepare(x),
+    "Plan.apply: image": lambda x: plan().apply(x),
+    "Plan.prepare: image": lambda x: plan().prepare(x),
     "GyroLog: omega": lambda x: GyroLog([0, 1], x),
     "GyroLog: epoch_ns": lambda x: GyroLog([0, 1], [[0, 0, 0], [0, 0, 0]], x),
     "minus_bias: b": LOG.minus_bias,
@@ -376,7 +381,7 @@ CALLS: dict[str, Door] = {
     "Translation: position": lambda x: rs.Translation([0, 1], x, 1.0),
     "from_log: log": lambda x: Capture.from_log(x, CAMERA, EXPOSURE),
     "from_capture: capture": lambda x: BlurPaths.from_capture(x, [1.0], [1.0]),
-    "every_row: within": lambda x: BlurPaths.every_row(CAPTURE, [1.0], within=x),
+    "every_row: within": lambda x: BlurPaths.every_row(Capture.from_log(LOG, CAMERA, EXPOSURE), [1.0], within=x),
     "BlurPaths: displacements": lambda x: BlurPaths(x, [1.0], [1.0]),
     "PsfBank: kernels": lambda x: PsfBank(x, [1.0], [1.0]),
     "for_picture: shape": lambda x: PsfBank.for_picture(np.ones((1, 1)), x),
@@ -384,14 +389,14 @@ CALLS: dict[str, Door] = {
     "turned: height": BANK.turned,
     "Deconvolver: bank": lambda x: rs.Deconvolver(x, SHAPE),
     **options(rs.Deconvolver, (BANK, SHAPE), "nsr border planning threads"),
-    "Deconvolver.apply: image": WIENER.apply,
-    "Deconvolver.replan: bank": WIENER.replan,
-    "TileQuadratic.apply: image": lambda x: TILES.apply(x, prior=PRIOR),
+    "Deconvolver.apply: image": lambda x: wiener().apply(x),
+    "Deconvolver.replan: bank": lambda x: wiener().replan(x),
+    "TileQuadratic.apply: image": lambda x: tiles().apply(x, prior=PRIOR),
     "RowDeconvolver: paths": lambda x: deconv.RowDeconvolver(x, SHAPE),
     **options(deconv.RowDeconvolver, (PATHS, SHAPE), "nsr border planning threads"),
-    "RowDeconvolver.apply: image": ROWS.apply,
+    "RowDeconvolver.apply: image": lambda x: rows().apply(x),
     "RowBlur: paths": lambda x: deconv.RowBlur(x, 48),
-    "forward: latent": BLUR.forward,
+    "forward: latent": lambda x: blur().forward(x),
     "DerivativePrior: kind": lambda x: deconv.DerivativePrior(x, 0.1),
     "PlugAndPlayPrior: denoise": lambda x: deconv.PlugAndPlayPrior(x, 0.1),
     "Tuning.of: light": lambda x: rs.tuning.Tuning.of(x, BANK),
@@ -470,7 +475,7 @@ def test_lists_are_taken_for_arrays() -> None:
     picture, paths = PLAIN.tolist(), PATHS
     expected = rs.deblur(PLAIN.astype(np.float64), LOG, CAMERA, EXPOSURE, prior="wiener", nsr=0.01).image
     np.testing.assert_array_equal(rs.deblur(picture, LOG, CAMERA, EXPOSURE, prior="wiener", nsr=0.01).image, expected)
-    np.testing.assert_array_equal(WIENER.apply(picture), WIENER.apply(PLAIN))
+    np.testing.assert_array_equal(wiener().apply(picture), wiener().apply(PLAIN))
     np.testing.assert_array_equal(
         BlurPaths(paths.displacements.tolist(), paths.rows.tolist(), paths.cols.tolist()).displacements,
         paths.displacements,

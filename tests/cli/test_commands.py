@@ -228,7 +228,11 @@ def test_own_kernels(run: Run, files: Files, tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.asarray(Image.open(folder / files.photo.name)), expected)
 
 
-def test_sync_refuses_to_guess(run, files):
+def test_sync_refuses_to_guess(run, files, monkeypatch):
+    def unsure(*_, search=(-0.06, 0.06), **__):
+        return OffsetSearch(None, 0.005, 0.001, 0.0, "the scene is without detail", np.zeros(1), np.zeros(1))
+
+    monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", unsure)
     before = files.camera.read_text()
     result = run("sync", files.photo, *files.recording, "--from", "-20ms", "--to", "20ms", "--write", "--json")
     assert result.exit_code == 1

@@ -57,11 +57,11 @@ def test_the_right_motion_is_good_and_a_wrong_one_bad(restored):
     assert good.residual < 0.25
 
 
-@pytest.mark.parametrize("weight", [1.0, 10.0])
+@pytest.mark.parametrize("weight", [1.0, 1e20])
 def test_fog_is_not_good(capture, weight):
     check = deblur(*capture, weight=weight, chroma="full").check
     assert check.verdict == "doubtful"
-    # Measured: 0.05 and 0.02; the right weight has 5.0.
+    # Measured: 0.05 and 0.00; the right weight has 5.0.
     assert check.detail < 0.5
     assert "lost" in check.reasons[-1]
 

@@ -64,12 +64,3 @@ def test_axes_turned_by_half_a_turn_give_no_answer():
     found = find_time_offset(photo(GENTLE), GENTLE, camera, EXPOSURE, search=SEARCH)
     assert found.time_offset is None
     assert found.reason == OTHER_AXES
-
-
-def test_a_log_that_begins_beside_the_exposure_is_searched_as_far_as_it_goes():
-    """Corrections of the last candidates lead out of the log."""
-    log, exposure = hand_shake(0.4, seed=3, strength=0.7), Exposure(0.03, 1 / 25)
-    search = find_time_offset(photo(log, exposure), log, CAMERA, exposure, search=(-0.01, 0.05))
-    assert np.isfinite(search.best)
-    # A gyro clock that is later than the camera's by more has no samples there.
-    assert search.offsets.max() <= exposure.start
