@@ -87,11 +87,12 @@ def mapped(file: BinaryIO, size: int) -> Picture | None:
     check_trusted("TIFF", "tifffile")
     with tifffile.TiffFile(file) as tiff:
         page = first_page(tiff)
+        dtype: Any = page.dtype
         kind = tifffile.PHOTOMETRIC(page.photometric)
         is_picture = all(page.shape) and (page.axes == "YX" or (page.axes == "YXS" and page.shape[2] in (2, 3, 4)))
         # A memory map needs whole bytes in this machine's order.
-        is_whole = page.dtype in (np.uint8, np.uint16, np.float32) and page.bitspersample % 8 == 0
-        is_native = page.dtype == np.uint8 or tiff.byteorder == ("<" if sys.byteorder == "little" else ">")
+        is_whole = dtype in (np.uint8, np.uint16, np.float32) and page.bitspersample % 8 == 0
+        is_native = dtype == np.uint8 or tiff.byteorder == ("<" if sys.byteorder == "little" else ">")
         is_plain = kind in (kind.MINISBLACK, kind.RGB) and not _is_premultiplied(page)
         if not (page.is_memmappable and is_picture and is_whole and is_native and is_plain):
             return None
@@ -99,7 +100,7 @@ def mapped(file: BinaryIO, size: int) -> Picture | None:
         if offset + page.nbytes > size:
             return None
         with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-            return of_page(page, np.memmap(file, page.dtype, "r", offset, page.shape), data)
+            return of_page(page, np.memmap(file, dtype, "r", offset, page.shape), data)
 
 
 def _is_premultiplied(page: tifffile.TiffPage) -> bool:

@@ -388,7 +388,8 @@ def _project(source: Source, project: dict[str, Any], request: Request) -> Camer
             profile[key] = timing[key]
     video = project.get("video_info") or {}
     if request.size is None and video.get("width") and video.get("height"):
-        request = Request((int(video["width"]), int(video["height"])), fps=request.fps or video.get("fps"))
+        size = int(video["width"]), int(video["height"])
+        request = replace(request, size=size, fps=request.fps or video.get("fps"))
     file = _profile(source, profile, request)
     offsets = [offset_ms(value) / 1e3 for value in (project.get("offsets") or {}).values()]
     assumptions = list(file.assumptions)

@@ -277,23 +277,14 @@ def read_psfs(path: str | os.PathLike[str], shape: tuple[int, ...]) -> PsfBank:
     except InputError as error:
         kind = "the picture of a PSF" if is_picture else "an array of PSFs"
         raise FileFormatError(f"{path}: not {kind}: {error}") from error
-    if is_picture:
-        values = _grey(values)
+    if is_picture and values.ndim == 3:  # the mean of the colours, without alpha
+        values = values[:, :, : values.shape[2] - (values.shape[2] in (2, 4))].mean(axis=2)
     if values.ndim not in (2, 4) or values.size == 0:
         raise FileFormatError(f"{path}: a PSF has shape (kh, kw), PSFs have (B, S, kh, kw), found {values.shape}")
     try:
         return PsfBank.for_picture(values, shape)
     except InputError as error:
         raise FileFormatError(f"{path}: {error}") from error
-
-
-def _grey(pixels: FloatArray) -> FloatArray:
-    """Return the mean of the colours, without alpha."""
-    if pixels.ndim == 2:
-        return pixels
-    colours = pixels.shape[2] - (pixels.shape[2] in (2, 4))
-    mean: FloatArray = pixels[:, :, :colours].mean(axis=2)
-    return mean
 
 
 def read_depths(path: str | os.PathLike[str]) -> FloatArray:

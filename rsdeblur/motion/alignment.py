@@ -32,6 +32,7 @@ from rsdeblur.motion.paths import (
     SAMPLES_PER_PIXEL,
     BlurPaths,
     Capture,
+    exposed_times,
     small_angle_displacements,
 )
 from rsdeblur.motion.track import MOST_RECORDED, OrientationTrack, check_samples
@@ -132,11 +133,10 @@ class Alignment:
     def _displacements_of(self, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
         points = np.stack(np.meshgrid(cols, rows), axis=-1)
         pixels = self.places(points)
-        opens, closes = self.capture.exposure.window(pixels[..., 1], self.capture.camera)
-        times = opens[..., None] + (closes - opens)[..., None] * np.linspace(0.0, 1.0, samples)
+        times = exposed_times(self.capture, pixels[..., 1], samples)
         if self.capture.motion == "small-angle":
             depth = self.capture.depth(pixels)
-            return small_angle_displacements(self.capture, times, 0.5 * (opens + closes), depth)
+            return small_angle_displacements(self.capture, times, self.capture.mid(pixels[..., 1]), depth)
         seen = self.capture.points(pixels)
         world = np.einsum("bstji,bsj->bsti", self.capture.track.at(times), seen) + self.capture.position(times)
         # The reference shows these places as near to the points as a frame's blur is long.
@@ -174,6 +174,16 @@ def rectify(
         The resampled picture. Pixels that were never exposed repeat the nearest border pixel.
     coverage : ndarray, shape (H, W), bool
         Whether some row was exposed to the scene at this pixel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(64, 48, 80.0, readout_time=0.03)
+    >>> capture = rsdeblur.motion.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
+    >>> image, coverage = rsdeblur.motion.rectify(np.ones((48, 64, 3), np.float32), capture)
+    >>> image.shape, bool(coverage[24, 32])
+    ((48, 64, 3), True)
     """
     height, width, _ = image.shape
     spline = image.copy()

@@ -242,24 +242,6 @@ class Capture:
         """Mid-exposure time of the middle row, the reference time of rectified pictures."""
         return self.mid(np.array((self.camera.height - 1) / 2))
 
-    def times(self, rows: FloatArray, samples: int) -> FloatArray:
-        """Return times spread evenly over the exposure of each row.
-
-        Parameters
-        ----------
-        rows : ndarray, shape (B,)
-            Picture rows in px, fractions allowed.
-        samples : int
-            Number of times per row.
-
-        Returns
-        -------
-        ndarray, shape (B, samples)
-            Times in s relative to the exposure's epoch, with both ends of the exposure.
-        """
-        opens, closes = self.exposure.window(rows, self.camera)
-        return opens[:, None] + (closes - opens)[:, None] * np.linspace(0.0, 1.0, samples)
-
 
 @one_line()
 @dataclass(frozen=True, slots=True, eq=False)
@@ -453,10 +435,17 @@ def _lengths(displacements: FloatArray) -> FloatArray:
     return lengths
 
 
+def exposed_times(capture: Capture, rows: FloatArray, samples: int) -> FloatArray:
+    """Return times spread evenly over the exposures of rows, with both ends, s; shape ``rows.shape + (samples,)``."""
+    opens, closes = capture.exposure.window(rows, capture.camera)
+    times: FloatArray = opens[..., None] + (closes - opens)[..., None] * np.linspace(0.0, 1.0, samples)
+    return times
+
+
 def _rotation_paths(
     capture: Capture, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry
 ) -> FloatArray:
-    camera, times = capture.camera, capture.times(rows, samples)
+    camera, times = capture.camera, exposed_times(capture, rows, samples)
     points = np.stack(np.meshgrid(cols, rows), axis=-1)  # (B, S, 2), x before y
     scene, orientation, position = capture.points(points), capture.track.at(times), capture.position(times)
     if geometry == "rectify":
@@ -472,7 +461,8 @@ def _small_angle_paths(
 ) -> FloatArray:
     reference = capture.mid(rows) if geometry == "keep" else np.repeat(capture.middle, len(rows))
     depth = capture.depth(np.stack(np.meshgrid(cols, rows), axis=-1))
-    return small_angle_displacements(capture, capture.times(rows, samples)[:, None], reference[:, None], depth)
+    times = exposed_times(capture, rows, samples)[:, None]
+    return small_angle_displacements(capture, times, reference[:, None], depth)
 
 
 def small_angle_displacements(

@@ -81,7 +81,7 @@ class TestAnchor:
         camera = camera_of(readout_direction=direction)
         capture = Capture.from_log(shaky_log(seed=seed), camera, EXPOSURE)
         paths = BlurPaths.from_capture(capture, ROWS, COLS, samples=9)
-        times = capture.times(ROWS, 9)
+        times = np.linspace(*capture.exposure.window(ROWS, camera), 9, axis=-1)
         for (b, y), (s, x), t in itertools.product(enumerate(ROWS), enumerate(COLS), range(9)):
             # The point that the pixel sees at that time appears on the row that shows it at its own mid-exposure.
             world = capture.track.at(times[b, t]).T @ np.linalg.inv(camera.matrix) @ [x, y, 1.0]
