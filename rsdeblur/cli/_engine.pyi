@@ -38,7 +38,6 @@ from rsdeblur.io.cameras import detect_camera_format as detect_camera_format
 from rsdeblur.io.cameras import write_time_offset as write_time_offset
 from rsdeblur.io.captures import open_captures as open_captures
 from rsdeblur.io.columns import choice_for as choice_for
-from rsdeblur.io.exif import FILM_DIAGONAL as FILM_DIAGONAL
 from rsdeblur.io.exif import Exif as Exif
 from rsdeblur.io.exif import capture_time as capture_time
 from rsdeblur.io.gyro_binary import frame_exposures as frame_exposures
@@ -69,6 +68,7 @@ from rsdeblur.motion.axes import PRESETS as PRESETS
 from rsdeblur.motion.axes import imu_to_camera as imu_to_camera
 from rsdeblur.motion.camera import UNKNOWN_READOUT as UNKNOWN_READOUT
 from rsdeblur.motion.camera import Camera as Camera
+from rsdeblur.motion.camera_values import focal35_px as focal35_px
 from rsdeblur.motion.exposure import Exposure as Exposure
 from rsdeblur.motion.gyro import GyroLog as GyroLog
 from rsdeblur.motion.paths import BlurPaths as BlurPaths

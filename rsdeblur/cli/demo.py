@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
@@ -138,7 +137,7 @@ def simulated(kind: str, size: tuple[int, int], seed: int) -> tuple[rs.GyroLog, 
     length = 2 * session.start + float(session.frames * session.interval)
     shake = rs.hand_shake(length, strength=session.strength, seed=seed)
     # Others see about 50 degrees, like a phone's main camera.
-    focal = FOCAL35 / rs.FILM_DIAGONAL * math.hypot(width, height) if kind == "stock-camera" else 1.1 * width
+    focal = rs.focal35_px(FOCAL35, width, height) if kind == "stock-camera" else 1.1 * width
     # The apps log in phone axes.
     axes: dict[str, Any] = {} if kind == "capture" else {"imu_to_camera": "phone-landscape"}
     camera = rs.Camera(width, height, focal, readout_time=session.readout, **axes)
@@ -155,7 +154,7 @@ def _command(kind: str, folder: Path) -> list[str]:
         return ["video", str(folder / MOVIE), *sources, "-o", f"{folder}-sharp.mp4"]
     if kind == "stock-camera":
         photo, log = (str(folder / name) for name in (session.photos[0], UNIX_LOG))
-        return ["deblur", photo, "--gyro", log, "--camera", photo, "--start", "exif"]
+        return ["deblur", photo, "--gyro", log]
     sources = ["--gyro", str(folder / CAPTURE_LOG), "--camera", str(folder / CAMERA)]
     moment = ["--start", str(session.start), "--duration", str(float(session.duration))]
     return ["deblur", str(folder / "blurred.png"), *sources, *moment, "-o", str(folder / "again.png")]

@@ -18,11 +18,10 @@ from PIL.ExifTags import IFD, Base
 
 from rsdeblur._util.binary import DAMAGE, LONG, ORIENTATION, PREFIX, SHORT, Directory, Tags, block_of
 from rsdeblur.errors import InputError
+from rsdeblur.motion.camera_values import focal35_px
 from rsdeblur.motion.wall_clock import SECOND_NS, CaptureTime, shown
 
 MAKE, MODEL, ZOOM = Base.Make, Base.Model, Base.DigitalZoomRatio
-# mm: diagonal of a 36 x 24 mm film frame, to which the 35 mm equivalent refers.
-FILM_DIAGONAL = 43.267
 
 
 class Exif:
@@ -67,7 +66,7 @@ class Exif:
         """Return the focal length in px of a picture of that size, and its origin in words."""
         film = self.number(Base.FocalLengthIn35mmFilm)
         if film:
-            return film / FILM_DIAGONAL * math.hypot(width, height), f"35 mm equivalent {film:g} mm"
+            return focal35_px(film, width, height), f"35 mm equivalent {film:g} mm"
         focal_length, resolution = self.number(Base.FocalLength), self.number(Base.FocalPlaneXResolution)
         # None (which means inch), inch, cm, mm, um.
         units = {1: 25.4, 2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
