@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -29,6 +29,8 @@ from rsdeblur.cli._log import Gravity
 from rsdeblur.cli._options import ONE_PHOTO, Recording, flag, refuse_given, require
 from rsdeblur.cli._output import LOG, prepare_folder
 from rsdeblur.pipeline.options import BLUR, Options
+
+Elapsed = Callable[[], float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,10 +141,15 @@ def check_sources(context: click.Context, recording: Recording, psf: object) -> 
 
 def deblur_photo(job: PhotoJob, move: rs.Progress | None = None) -> dict[str, Any]:
     """Deblur and write one photo, or only read and check its files, and return the facts to report."""
+    with stopwatch() as elapsed:
+        return _deblur(job, move, elapsed)
+
+
+def _deblur(job: PhotoJob, move: rs.Progress | None, elapsed: Elapsed) -> dict[str, Any]:
     _prepare_result(job)
     if job.psf is not None:
         refuse_given("is for a camera, which --psf does without", save_camera=job.save_camera)
-        return _deconvolve(job, job.psf, move)
+        return _deconvolve(job, job.psf, move, elapsed)
     if job.save_camera is not None:
         check_target(job.save_camera, force=job.force)
     ready = prepare(job.photo, job.recording, job.options, refine_anyway=job.refine_anyway)
@@ -163,11 +170,11 @@ def deblur_photo(job: PhotoJob, move: rs.Progress | None = None) -> dict[str, An
             camera.save(job.save_camera)
         return result
 
-    facts = _written(job, ready.inputs.picture, solve)
+    facts = _written(job, ready.inputs.picture, solve, elapsed)
     return facts | moment_facts(job.recording, ready.inputs)
 
 
-def _deconvolve(job: PhotoJob, psf: Path, move: rs.Progress | None) -> dict[str, Any]:
+def _deconvolve(job: PhotoJob, psf: Path, move: rs.Progress | None, elapsed: Elapsed) -> dict[str, Any]:
     """Deblur one photo with PSFs from a file, which needs neither log nor camera."""
     picture = rs.read_picture(job.photo, in_place=job.options.max_memory is not None)
     bank = rs.read_psfs(psf, picture.pixels.shape)
@@ -181,7 +188,7 @@ def _deconvolve(job: PhotoJob, psf: Path, move: rs.Progress | None) -> dict[str,
         with naming(job.photo):
             return rs.deconvolve_with(options, picture.pixels, bank, out=out, progress=move)
 
-    return _written(job, picture, solve)
+    return _written(job, picture, solve, elapsed)
 
 
 def _prepare_result(job: PhotoJob) -> None:
@@ -206,16 +213,14 @@ def _planned(job: PhotoJob, bank: rs.PsfBank, mode: Mode, picture: rs.Picture) -
     }
 
 
-def _written(job: PhotoJob, picture: rs.Picture, solve: Any) -> dict[str, Any]:
+def _written(job: PhotoJob, picture: rs.Picture, solve: Any, elapsed: Elapsed) -> dict[str, Any]:
     """Solve and write a picture, and return the facts to report."""
     in_place = job.options.max_memory is not None
     # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
-    with (
-        stopwatch() as watch,
-        rs.picture_to_fill(job.output, picture.pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
-    ):
+    shape = picture.pixels.shape
+    with rs.picture_to_fill(job.output, shape, like=picture, force=job.force, in_place=in_place) as out:
         result = solve(out)
-    return rs.result_facts(result, job.output, job.options.prior_name, watch[0])
+    return rs.result_facts(result, job.output, job.options.prior_name, elapsed())
 
 
 def moment_facts(recording: Recording, inputs: Inputs) -> dict[str, float]:
@@ -224,10 +229,8 @@ def moment_facts(recording: Recording, inputs: Inputs) -> dict[str, float]:
 
 
 @contextmanager
-def stopwatch() -> Iterator[list[float]]:
-    """Measure the time of the block in s, without compilation; the yielded list contains it after the block."""
-    seconds: list[float] = []
+def stopwatch() -> Iterator[Elapsed]:
+    """Yield a function that returns the time since the start of the block in s, without compilation."""
     begin = time.perf_counter()
     with rs.compilation() as compiled:
-        yield seconds
-    seconds.append(time.perf_counter() - begin - compiled())
+        yield lambda: time.perf_counter() - begin - compiled()
