@@ -56,7 +56,7 @@ def timeline_svg(times: Sequence[float | None], triage: Triage) -> bytes:
         if time is not None:
             parts.append(dot(across(time), down(length), radius, decision))
     parts.append(f'<path class="frame" d="M{left} {top}H{right}V{bottom}H{left}Z"/>')
-    parts += [text(across(tick), bottom + 16, f"{tick:.4g}", "middle") for tick in np.linspace(*ends, 5)]
+    parts += [text(across(tick), bottom + 16, f"{tick:.3g}", "middle") for tick in np.linspace(*ends, 5)]
     parts += [text((left + right) / 2, bottom + 34, "time, s", "middle"), text(8, 20, "longest path, px")]
     for i, decision in enumerate(DECISIONS):
         x, label = left + 140 + 130 * i, f"{decision}: {triage.counts[decision]}"
