@@ -72,10 +72,10 @@ def test_representations_are_one_short_line() -> None:
 def test_notebooks_show_pictures_and_kernels() -> None:
     image = np.full((36, 48, 4), 200, np.uint8)
     result = rs.deblur(image, LOG, CAMERA, EXPOSURE, prior="wiener")
-    for thing, names in ((BANK, ["kernels"]), (result, ["blurred", "sharp", "kernels"])):
+    for thing, names in ((BANK, ["kernels"]), (result, ["blurred", f"sharp ({result.check.verdict})", "kernels"])):
         page = thing._repr_html_()
         assert repr(thing).partition("=")[0] in page
-        assert re.findall('alt="([a-z]+)" width="4', page) == names
+        assert re.findall('alt="([a-z ()]+)" width="4', page) == names
         uris = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
         pictures = [np.asarray(Image.open(BytesIO(base64.b64decode(uri)))) for uri in uris]
         # The input's own encoding is that of the screen; its alpha is left out.

@@ -21,7 +21,7 @@ blurred, _, truth = rsdeblur.simulate(rsdeblur.scene(200, 270, seed=2), log, cam
 
 late = log.shifted(0.021)
 search = rsdeblur.find_time_offset(blurred, late, camera, exposure, search=(-0.04, 0.04))
-print(search.time_offset, "s", search.reason)
+print(f"{1e3 * search.time_offset:.1f} +- {1e3 * search.sd:.1f} ms")
 
 _, ax = plt.subplots(figsize=(6, 3), layout="constrained")
 ax.plot(1e3 * search.offsets, search.scores)

@@ -20,7 +20,7 @@ blurred, _, truth = rsdeblur.simulate(scene, log, camera, exposure, translation=
 # Only the drift is unknown here, which makes the search short:
 
 found = rsdeblur.refine(blurred, log, camera, exposure, free="drift")
-print(found.accepted, found.values)
+print(f"{found.values.drift_x:.1f} and {found.values.drift_y:.1f} px")
 
 pictures = {
     "blurred": blurred,

@@ -144,6 +144,9 @@ async function show(answer, request) {
   showValues(answer.strength);
   find("line").value = answer.command;
   find("bare").hidden = !answer.bare;
+  find("bare").textContent = isExample
+    ? "rsdeblur demo --size 640x480 writes these files into the folder demo; run the command there."
+    : "Run the command in the folder of these files, which a browser does not reveal.";
   find("state").textContent = `${draft ? `draft at ${Math.round(100 * request.scale)} %, ` : ""}${answer.seconds.toFixed(2)} s`;
   if (request.check) showCheck(answer);
 }
@@ -236,14 +239,15 @@ const lastPart = (path) => path.split(/[\\/]/).pop();
 
 // What the files contain; each chip opens the field that replaces it.
 function showChips() {
+  const isFromExif = !find("camera").value;
   const chips = [
     ["photo", "Size", opened.size.join(" × ")],
     ["gyro", "Log", lastPart(find("gyro").value)],
-    ["focal", "Focal length", `${opened.focal_length.toFixed(0)} px`],
+    ["focal", "Focal length", `${opened.focal_length.toFixed(0)} px`, isFromExif && !find("focal").value],
     ["readout", "Readout", `${(1e3 * opened.readout_time).toPrecision(3)} ms`, opened.readout_is_guess],
     ["start_at", "Start", `${opened.start.toFixed(3)} s`],
     ["duration", "Exposure", `${(1e3 * opened.duration).toPrecision(3)} ms`],
-    ["orientation", "Axes", opened.axes || "of the camera file"],
+    ["orientation", "Axes", opened.axes || "of the camera file", isFromExif],
   ];
   find("chips").replaceChildren(
     ...chips.map(([field, label, value, guess]) => {
@@ -276,12 +280,12 @@ function showChosen() {
   find("chosen").replaceChildren(...items);
 }
 
-// Open what is complete; say what is missing.
-async function openIfComplete() {
+// Open what is complete; say what is missing, and a hint.
+async function openIfComplete(hint = "") {
   showChosen();
   const missing = [["photo", "a photo"], ["gyro", "its gyro log"]].filter(([name]) => !find(name).value).map(([, text]) => text);
   if (missing.length === 0) await open();
-  else busy(missing.length === 1 ? `Now add ${missing[0]}.` : "");
+  else busy(missing.length === 1 ? `Now add ${missing[0]}.${hint}` : "");
 }
 
 async function receive(files, field = null) {
@@ -301,7 +305,8 @@ async function receive(files, field = null) {
     complain(error);
     return;
   }
-  await openIfComplete();
+  const isVideo = files.some(({ name }) => /\.(mp4|mov|mkv|webm|avi|ts)$/i.test(name));
+  await openIfComplete(isVideo ? " Of a video, only its gyro log is read here; rsdeblur video deblurs its frames." : "");
 }
 
 // The field that a file is for, by its name.

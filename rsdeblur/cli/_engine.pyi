@@ -39,7 +39,6 @@ from rsdeblur.io.columns import choice_for as choice_for
 from rsdeblur.io.gyro_binary import frame_exposures as frame_exposures
 from rsdeblur.io.gyro_logs import detect_gyro_format as detect_gyro_format
 from rsdeblur.io.metadata import EXIF_ERROR as EXIF_ERROR
-from rsdeblur.io.metadata import FILM_DIAGONAL as FILM_DIAGONAL
 from rsdeblur.io.metadata import Exif as Exif
 from rsdeblur.io.metadata import capture_time as capture_time
 from rsdeblur.io.metadata import on_clock_of as on_clock_of
@@ -70,6 +69,7 @@ from rsdeblur.motion.axes import PRESETS as PRESETS
 from rsdeblur.motion.axes import imu_to_camera as imu_to_camera
 from rsdeblur.motion.camera import UNKNOWN_READOUT as UNKNOWN_READOUT
 from rsdeblur.motion.camera import Camera as Camera
+from rsdeblur.motion.camera_values import focal35_px as focal35_px
 from rsdeblur.motion.exposure import Exposure as Exposure
 from rsdeblur.motion.gyro import AccelerationLog as AccelerationLog
 from rsdeblur.motion.gyro import GyroLog as GyroLog

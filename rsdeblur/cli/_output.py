@@ -33,7 +33,7 @@ SCHEMA = 1
 LEVEL = "rsdeblur.level"
 # The inputs and the stages of the work, which a verbose command prints.
 LOG = logging.getLogger("rsdeblur")
-COMPILING = "compiling once after the installation, which may take a minute; later runs begin at once"
+COMPILING = "compiling what this command needs, once after the installation, which may take a minute"
 # Pages of the documentation that help with messages, by what these contain.
 PAGES = {
     r"give --readout-time|readout time is unknown": "readout-times",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -29,6 +29,8 @@ from rsdeblur.cli._inputs import (
 from rsdeblur.cli._options import ONE_PHOTO, Recording, flag, refuse_given, require
 from rsdeblur.cli._output import LOG, prepare_folder
 from rsdeblur.pipeline.options import BLUR, Options
+
+Elapsed = Callable[[], float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,63 +141,86 @@ def check_sources(context: click.Context, recording: Recording, psf: object) -> 
 
 def deblur_photo(job: PhotoJob, move: rs.Progress | None = None) -> dict[str, Any]:
     """Deblur and write one photo, or only read and check its files, and return the facts to report."""
+    with stopwatch() as elapsed:
+        return _deblur(job, move, elapsed)
+
+
+def _deblur(job: PhotoJob, move: rs.Progress | None, elapsed: Elapsed) -> dict[str, Any]:
+    _prepare_result(job)
+    if job.psf is not None:
+        refuse_given("is for a camera, which --psf does without", save_camera=job.save_camera)
+        return _deconvolve(job, job.psf, move, elapsed)
+    if job.save_camera is not None:
+        check_target(job.save_camera, force=job.force)
+    ready = prepare(job.photo, job.recording, job.options, refine_anyway=job.refine_anyway)
+    if job.dry_run:
+        with ready.naming:
+            rs.check_size(ready.inputs.picture.pixels.shape, ready.inputs.camera)
+        # As much as possible is checked without solving.
+        bank, _, mode = ready.kernels()
+        return _planned(job, bank, mode, ready.inputs.picture)
+
+    def solve(out: Any) -> rs.DeblurResult:
+        with ready.naming:
+            result = ready.plan(move).apply(ready.inputs.picture.pixels, out=out, progress=move)
+        if job.save_camera is not None:
+            camera = ready.inputs.camera if result.refinement is None else result.refinement.camera
+            # How far EXIF is from the moment belongs to the photo.
+            camera = replace(camera, time_offset=0.0) if ready.recording.start == "exif" else camera
+            camera.save(job.save_camera)
+        return result
+
+    facts = _written(job, ready.inputs.picture, solve, elapsed)
+    return facts | moment_facts(job.recording, ready.inputs)
+
+
+def _deconvolve(job: PhotoJob, psf: Path, move: rs.Progress | None, elapsed: Elapsed) -> dict[str, Any]:
+    """Deblur one photo with PSFs from a file, which needs neither log nor camera."""
+    picture = rs.read_picture(job.photo, in_place=job.options.max_memory is not None)
+    bank = rs.read_psfs(psf, picture.pixels.shape)
+    options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
+    with naming(psf):
+        rs.check_bank(bank, picture.pixels.shape)
+    if job.dry_run:
+        return _planned(job, bank, rs.mode_of(bank), picture)
+
+    def solve(out: Any) -> rs.DeblurResult:
+        with naming(job.photo):
+            return rs.deconvolve_with(options, picture.pixels, bank, out=out, progress=move)
+
+    return _written(job, picture, solve, elapsed)
+
+
+def _prepare_result(job: PhotoJob) -> None:
+    """Check that the result can be written, and make its folder if the job does; a dry run makes none."""
     if job.make_folder:
         prepare_folder(job.output.parent, [], force=job.force, dry_run=job.dry_run)
     if job.dry_run and job.make_folder and not job.output.parent.is_dir():
-        rs.check_kind(job.output)  # a dry run makes no folder
+        rs.check_kind(job.output)
     else:
         rs.check_writable(job.output, force=job.force)
-    in_place, moment = job.options.max_memory is not None, dict[str, float]()
-    if job.psf is not None:
-        refuse_given("is for a camera, which --psf does without", save_camera=job.save_camera)
-        picture = rs.read_picture(job.photo, in_place=in_place)
-        bank = rs.read_psfs(job.psf, picture.pixels.shape)
-        options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
-        with naming(job.psf):
-            rs.check_bank(bank, picture.pixels.shape)
-        mode: Mode = rs.mode_of(bank)
-    else:
-        if job.save_camera is not None:
-            check_target(job.save_camera, force=job.force)
-        ready = prepare(job.photo, job.recording, job.options, refine_anyway=job.refine_anyway)
-        picture, moment = ready.inputs.picture, moment_facts(job.recording, ready.inputs)
-        if job.dry_run:
-            with ready.naming:
-                rs.check_size(picture.pixels.shape, ready.inputs.camera)
-            # As much as possible is checked without solving.
-            bank, _, mode = ready.kernels()
 
-    def solve(out: Any) -> rs.DeblurResult:
-        if job.psf is not None:
-            with naming(job.photo):
-                return rs.deconvolve_with(options, picture.pixels, bank, out=out, progress=move)
-        with ready.naming:
-            result = ready.plan(move).apply(picture.pixels, out=out, progress=move)
-        if job.save_camera is not None:
-            _save_camera(job.save_camera, ready, result)
-        return result
 
-    if job.dry_run:
-        return {
-            "output": str(job.output),
-            "dry_run": True,
-            "mode": mode,
-            "psf_px": list(bank.size[::-1]),
-            "prior": job.options.prior_name,
-            "size_px": list(picture.pixels.shape[1::-1]),
-        }
+def _planned(job: PhotoJob, bank: rs.PsfBank, mode: Mode, picture: rs.Picture) -> dict[str, Any]:
+    """Return the facts that a dry run knows."""
+    return {
+        "output": str(job.output),
+        "dry_run": True,
+        "mode": mode,
+        "psf_px": list(bank.size[::-1]),
+        "prior": job.options.prior_name,
+        "size_px": list(picture.pixels.shape[1::-1]),
+    }
+
+
+def _written(job: PhotoJob, picture: rs.Picture, solve: Any, elapsed: Elapsed) -> dict[str, Any]:
+    """Solve and write a picture, and return the facts to report."""
+    in_place = job.options.max_memory is not None
     # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
-    filled = rs.picture_to_fill(job.output, picture.pixels.shape, like=picture, force=job.force, in_place=in_place)
-    with stopwatch() as watch, filled as out:
+    shape = picture.pixels.shape
+    with rs.picture_to_fill(job.output, shape, like=picture, force=job.force, in_place=in_place) as out:
         result = solve(out)
-    return rs.result_facts(result, job.output, job.options.prior_name, watch[0]) | moment
-
-
-def _save_camera(path: Path, ready: Prepared, result: rs.DeblurResult) -> None:
-    camera = ready.inputs.camera if result.refinement is None else result.refinement.camera
-    # How far EXIF is from the moment belongs to the photo.
-    camera = replace(camera, time_offset=0.0) if ready.recording.start == "exif" else camera
-    camera.save(path)
+    return rs.result_facts(result, job.output, job.options.prior_name, elapsed())
 
 
 def moment_facts(recording: Recording, inputs: Inputs) -> dict[str, float]:
@@ -204,10 +229,8 @@ def moment_facts(recording: Recording, inputs: Inputs) -> dict[str, float]:
 
 
 @contextmanager
-def stopwatch() -> Iterator[list[float]]:
-    """Measure the time of the block in s, without compilation; the yielded list contains it after the block."""
-    seconds: list[float] = []
+def stopwatch() -> Iterator[Elapsed]:
+    """Yield a function that returns the time since the start of the block in s, without compilation."""
     begin = time.perf_counter()
     with rs.compilation() as compiled:
-        yield seconds
-    seconds.append(time.perf_counter() - begin - compiled())
+        yield lambda: time.perf_counter() - begin - compiled()

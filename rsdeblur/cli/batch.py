@@ -254,7 +254,7 @@ def _print(summary: dict[str, Any], target: Target) -> None:
         # A photo that failed may have an earlier result.
         known = {"photo": entry["photo"], "state": entry["state"]} if "error" in entry else entry
         tiles = f"{known['bands']} x {known['strips']}" if "bands" in known else ""
-        size = "{}x{}".format(*known["psf_px"]) if "psf_px" in known else ""
+        size = "{} x {}".format(*known["psf_px"]) if "psf_px" in known else ""
         seconds = f"{known['seconds']:.2f}" if "seconds" in known else ""
         rows.append([known["photo"], known["state"], tiles, size, seconds, _verdict(known)])
     print_table(["photo", "state", "bands x strips", "PSF px", "time s", "check"], rows)

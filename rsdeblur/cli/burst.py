@@ -130,7 +130,7 @@ def _deblurred(
     """Deblur and write a burst, and return the facts to report and the result."""
     pictures, numbers, exposures, log, camera = shots
     options = replace(options, transfer=transfer_of(pictures[0], options.transfer))
-    with stopwatch() as watch, progress("burst") as move:
+    with stopwatch() as elapsed, progress("burst") as move:
         result = rs.deblur_burst(
             [picture.pixels for picture in pictures],
             *(log, camera, exposures),
@@ -138,8 +138,9 @@ def _deblurred(
             progress=move,
             **{each.name: getattr(options, each.name) for each in fields(options)} | {"mode": options.mode or "auto"},
         )
+        seconds = elapsed()
     rs.write_picture(target.output, result.image, like=pictures[result.reference], force=target.force)
-    return _facts(result, numbers, target.output, options, watch[0]), result
+    return _facts(result, numbers, target.output, options, seconds), result
 
 
 def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: rs.BurstResult, options: Options) -> rs.Page:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -63,11 +62,6 @@ settings = _options.together(
 UNSTATED_AXES = "the axes of the camera are assumed for the gyro, but those of phones differ: give --imu"
 
 
-def pixels_of_focal35(focal35: float, size: tuple[int, int]) -> float:
-    """Return the focal length in px that a 35 mm equivalent means."""
-    return focal35 / rs.FILM_DIAGONAL * math.hypot(*size)
-
-
 @click.group("camera", epilog=EXAMPLES)
 def command() -> None:
     """Create, import and show camera files. Measure the readout time."""
@@ -109,7 +103,7 @@ def new(
     width, height = size
     length: Any = focal_length[0] if focal_length and len(focal_length) == 1 else focal_length
     if focal35 is not None:
-        length = pixels_of_focal35(focal35, size)
+        length = rs.focal35_px(focal35, *size)
     unknown = rs.UNKNOWN_READOUT if values["readout_time"] is None else {}
     given = {key: value for key, value in values.items() if value is not None}
     assumptions = () if "imu_to_camera" in given else (rs.Assumption("imu_to_camera", UNSTATED_AXES),)
@@ -150,7 +144,7 @@ def import_(source: Path, format: str | None, focal35: float | None, target: Tar
     if focal35 is not None:
         if reading["size"] is None or reading["focal_length"] is not None:
             raise click.UsageError("--focal35 needs --size, and excludes --focal-length", click.get_current_context())
-        reading["focal_length"] = pixels_of_focal35(focal35, reading["size"])
+        reading["focal_length"] = rs.focal35_px(focal35, *reading["size"])
     file = rs.open_camera(source, format, **reading)
     camera = file.camera
     if crop is not None:

@@ -135,12 +135,13 @@ def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options]
     names = output_names(Path(compared.report["photo"]), list(each_mode))
     for (mode, chosen), name in zip(each_mode.items(), names, strict=False):
         chosen = replace(chosen, translation=planned.options.translation, refine=False)
-        with stopwatch() as watch, progress(mode) as move, ready.naming:
+        with stopwatch() as elapsed, progress(mode) as move, ready.naming:
             # A plan of its own, so that a mode does not keep the memory of another one's solver.
             result = rs.Plan(planned.frame, planned.capture, chosen).apply(picture.pixels, progress=move)
+            seconds = elapsed()
         rs.write_picture(target.output / name, result.image, like=picture, force=target.force)
         compared.shown[mode], banks[mode] = rs.display_values(result.image, compared.transfer), result.psfs
-        compared.report["modes"][mode] = rs.result_facts(result, target.output / name, chosen.prior_name, watch[0])
+        compared.report["modes"][mode] = rs.result_facts(result, target.output / name, chosen.prior_name, seconds)
         unseen = 1.0 - float(result.coverage.mean())
     return compared._replace(banks=banks, unseen=unseen, recorded=recorded)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
@@ -86,7 +85,7 @@ KINDS = {
     # The log extends beyond the search of `--start exif`.
     "stock-camera": Kind(
         ("Gyroscope.csv", "IMG_1.jpg", "IMG_2.jpg"),
-        "deblur {d}/IMG_1.jpg --gyro {d}/Gyroscope.csv --camera {d}/IMG_1.jpg --start exif",
+        "deblur {d}/IMG_1.jpg --gyro {d}/Gyroscope.csv",
         *(SENSOR_LOGGER, 2, Fraction(2)),
         start=2.5,
         epoch_ns=1_780_000_000_000_000_000,
@@ -154,7 +153,7 @@ def simulated(kind: str, size: tuple[int, int], seed: int) -> tuple[rs.GyroLog, 
     length = 2 * session.start + float(session.frames * session.interval)
     shake = rs.hand_shake(length, strength=session.strength, seed=seed)
     # Others see about 50 degrees, like a phone's main camera.
-    focal = FOCAL35 / rs.FILM_DIAGONAL * math.hypot(width, height) if kind == "stock-camera" else 1.1 * width
+    focal = rs.focal35_px(FOCAL35, width, height) if kind == "stock-camera" else 1.1 * width
     # The apps log in phone axes.
     axes: dict[str, Any] = {} if kind == "capture" else {"imu_to_camera": "phone-landscape"}
     camera = rs.Camera(width, height, focal, readout_time=session.readout, **axes)

@@ -90,7 +90,8 @@ def command(
         "path_px": {"shortest": shortest, "longest": longest},
     }
     grid = f"{bands} x {strips} kernels (bands x strips) of {wide} x {tall} px"
-    target.show("psf", facts, f"{grid}, paths {shortest:.1f} to {longest:.1f} px long")
+    place = "" if target.output is None else f"{target.output}: "
+    target.show("psf", facts, f"{place}{grid}, paths {shortest:.1f} to {longest:.1f} px long")
 
 
 def _save_paths(path: Path, bank: rs.PsfBank, duration: float) -> None:

@@ -23,6 +23,7 @@ from rsdeblur._util.binary import DAMAGE, LONG, ORIENTATION, PREFIX, SHORT, Dire
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import ClockError, InputError, RsdeblurWarning
 from rsdeblur.image.transfer import linear_profile
+from rsdeblur.motion.camera_values import focal35_px
 from rsdeblur.motion.gyro import GyroLog
 
 # Parts that belong to the original only, and bytes that show them in its file or XMP packet.
@@ -49,8 +50,6 @@ BLOCKS = {"exif": ("the EXIF block", 65_533), "xmp": ("the XMP packet", 65_502),
 # Most bytes of samples in a classic TIFF: its offsets have 32 bits, and its tags need room too.
 CLASSIC_BYTES = 2**32 - 2**24
 MAKE, MODEL, ZOOM = Base.Make, Base.Model, Base.DigitalZoomRatio
-# mm: diagonal of a 36 x 24 mm film frame, to which the 35 mm equivalent refers.
-FILM_DIAGONAL = 43.267
 # Time in EXIF minus the start of the exposure, s: cameras write the command, the end or the storing of the picture, and
 # some whole seconds only.
 EXIF_ERROR = (-2.0, 1.0)
@@ -201,7 +200,7 @@ class Exif:
         """Return the focal length in px of a picture of that size, and its origin in words."""
         film = self.number(Base.FocalLengthIn35mmFilm)
         if film:
-            return film / FILM_DIAGONAL * math.hypot(width, height), f"35 mm equivalent {film:g} mm"
+            return focal35_px(film, width, height), f"35 mm equivalent {film:g} mm"
         focal_length, resolution = self.number(Base.FocalLength), self.number(Base.FocalPlaneXResolution)
         # None (which means inch), inch, cm, mm, um.
         units = {1: 25.4, 2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}

@@ -85,7 +85,7 @@ def photos_in(folder: Path, files: list[Path]) -> list[Path]:
     results = {path.with_name(f"{path.stem}{SHARP}") for path in photos}
     photos = [path for path in photos if path.with_suffix("") not in results]
     if not photos:
-        raise FileFormatError(f"{folder}: no photo in the folder; save frames of the video there as pictures")
+        raise FileFormatError(f"{folder}: no photo in the folder; rsdeblur video or triage take a video itself")
     return photos
 
 

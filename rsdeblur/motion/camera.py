@@ -83,7 +83,7 @@ class Camera:
     Warns
     -----
     RsdeblurWarning
-        If `focal_length` is one number that is probably in mm.
+        If `focal_length` is one number that is probably in mm, or `readout_time` with it in ms.
     """
 
     width: int
@@ -137,8 +137,8 @@ class Camera:
         put("timestamp_marks", validate.choice("timestamp_marks", timestamp_marks, TIMESTAMP_MARKS))
         self._check_distortion()
         # A camera that is derived from this one has a pair, and is not to warn again.
-        if np.ndim(focal_length) == 0 and (doubt := values.too_wide(self)) is not None:
-            warnings.warn(doubt, RsdeblurWarning, stacklevel=2)
+        for mistake in values.mistakes(self) if np.ndim(focal_length) == 0 else ():
+            warnings.warn(mistake, RsdeblurWarning, stacklevel=2)
 
     def __eq__(self, other: object) -> bool:
         return self._values() == other._values() if isinstance(other, Camera) else NotImplemented

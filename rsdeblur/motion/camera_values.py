@@ -30,6 +30,13 @@ ROTATION_TOLERANCE = 1e-3
 WIDEST, NARROWEST = 150.0, 3.0
 # s. The slowest sensors of cameras take 0.1 s.
 LONGEST_READOUT = 0.2
+# mm: diagonal of a 36 x 24 mm film frame, to which the 35 mm equivalent refers.
+FILM_DIAGONAL = 43.267
+
+
+def focal35_px(focal35: float, width: int, height: int) -> float:
+    """Return the focal length in px that a 35 mm equivalent in mm means."""
+    return focal35 / FILM_DIAGONAL * math.hypot(width, height)
 
 
 def pixels(name: str, value: Any, *, minimum: int = 1) -> int:
@@ -82,7 +89,7 @@ def rotation(value: ArrayLike | str) -> FloatArray:
 
 def doubts(camera: Camera) -> list[str]:
     """Return a sentence for each value that is a guess, or probably a mistake, with the probable intent."""
-    found = [] if (wide := too_wide(camera)) is None else [wide]
+    found = mistakes(camera)
     fx, fy = camera.focal_length
     if (view := _field_of_view(camera)) < NARROWEST:
         found.append(
@@ -95,22 +102,23 @@ def doubts(camera: Camera) -> list[str]:
             f"the readout time is unknown: {ms:.3g} ± {sd:.2g} ms is assumed, which a refinement corrects by the "
             "picture; give it if you know it, and 0 for a global shutter"
         )
-    if camera.readout_time > LONGEST_READOUT:
-        seconds = camera.readout_time
-        found.append(f"a readout time of {seconds:g} s is longer than that of any camera; did you mean {seconds:g} ms?")
     return found
 
 
-def too_wide(camera: Camera) -> str | None:
-    """Return why the focal length is probably not in px; None if it may be."""
-    view = _field_of_view(camera)
-    if camera.distortion_model == "fisheye" or view <= WIDEST:
-        return None
-    return (
-        f"a focal length of {min(camera.focal_length):g} px means a field of view of {view:.1f} degrees; is it in mm? "
-        "It must be in px: give the 35 mm equivalent (rsdeblur camera new --focal35), or divide it by the width of a "
-        "pixel on the sensor"
-    )
+def mistakes(camera: Camera) -> list[str]:
+    """Return a sentence for each value whose unit is probably another one."""
+    found, view, seconds = [], _field_of_view(camera), camera.readout_time
+    if camera.distortion_model != "fisheye" and view > WIDEST:
+        length = min(camera.focal_length)
+        equivalent = focal35_px(length, camera.width, camera.height)
+        found.append(
+            f"a focal length of {length:g} px means a field of view of {view:.1f} degrees; is it in mm? It must be in "
+            "px: divide it by the width of a pixel on the sensor; a 35 mm equivalent of "
+            f"{length:g} mm means {equivalent:.0f} px"
+        )
+    if seconds > LONGEST_READOUT:
+        found.append(f"a readout time of {seconds:g} s is longer than that of any camera; did you mean {seconds:g} ms?")
+    return found
 
 
 def _field_of_view(camera: Camera) -> float:

@@ -14,6 +14,7 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import ClockError, CoverageError, GapError, InputError, RsdeblurWarning
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.units import SLOWEST
 from rsdeblur.types import FloatArray
 
 # rad/s or m/s^2. No sensor gives larger numbers, whatever the unit, and the squares of these do not overflow.
@@ -260,7 +261,8 @@ class GyroLog(SensorLog):
     Warns
     -----
     RsdeblurWarning
-        If the rates look like degrees per second: their median is beyond 5 rad/s, or the largest beyond 35 rad/s.
+        If the rates look like degrees per second: their median is beyond 5 rad/s, or the largest beyond 35 rad/s; or
+        if rates that change have fewer than two samples per second.
 
     Examples
     --------
@@ -287,6 +289,13 @@ class GyroLog(SensorLog):
             warnings.warn(
                 f"gyro rates look like degrees per second (median {median:.3g}, peak {peak:.3g}, taken as rad/s); "
                 "if they are, multiply by pi/180, or read the log with unit='deg/s' (--unit deg/s)",
+                RsdeblurWarning,
+                stacklevel=3,
+            )
+        # A constant rate needs no samples between.
+        if self.rate < SLOWEST and np.ptp(self.omega, axis=0).any():
+            warnings.warn(
+                f"the log has {self.rate:.2g} samples per second; its times must be in s, not ms or ns",
                 RsdeblurWarning,
                 stacklevel=3,
             )

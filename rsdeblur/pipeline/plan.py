@@ -96,7 +96,7 @@ class DeblurResult:
     def _repr_html_(self) -> str:
         """Return the representation, the pictures and the kernels for a notebook."""
         pictures = {} if self.blurred is None else {"blurred": self.blurred}
-        pictures |= {"sharp": self.image}
+        pictures |= {"sharp" if self.check is None else f"sharp ({self.check.verdict})": self.image}
         step = max(1, max(self.image.shape) // 1000)  # decoding takes as long as the picture is large
         shown = {name: displayed(picture[::step, ::step], self.transfer) for name, picture in pictures.items()}
         return html_with_pictures(self, shown | {"kernels": kernel_sheet(self.psfs)})

@@ -236,17 +236,18 @@ def _modes(page: Page) -> str:
 def mode_table(report: Mapping[str, Any], stages: Sequence[str] = ()) -> list[list[str]]:
     """Return the header and the rows of the table of modes, with the times of some `stages`."""
     blurred, modes = report.get("blurred"), report["modes"]
-    header = ["mode", "prior", "PSFs", "PSF px", "NSR", "weight", "time s", *(f"{stage} s" for stage in stages)]
-    header += ["check", *(["PSNR dB", "SSIM"] if blurred is not None else [])]
-    rows = [] if blurred is None else [["(blurred)", *[""] * (len(header) - 3), *_similarity(blurred)]]
+    header = ["mode", "prior", "PSFs", "PSF px", "NSR", "weight", "time s", "check"]
+    first = ["(blurred)", *[""] * (len(header) - 1)]
+    rows = [] if blurred is None else [[*first, *_similarity(blurred), *[""] * len(stages)]]
+    # The stages come last, where a narrow page hides them first.
+    header += [*(["PSNR dB", "SSIM"] if blurred is not None else []), *(f"{stage} s" for stage in stages)]
     for mode, facts in modes.items():
         wide, tall = facts["psf_px"]
         weight = facts["weight"]
         row = [mode, facts["prior"], f"{facts['bands']} x {facts['strips']}", f"{wide} x {tall}", f"{facts['nsr']:.3g}"]
-        row += ["-" if weight is None else f"{weight:.3g}", f"{facts['seconds']:.2f}"]
-        row += [f"{facts['timings'].get(stage, 0.0):.2f}" for stage in stages]
-        row.append(_verdict(facts))
-        rows.append(row + (_similarity(facts) if blurred is not None else []))
+        row += ["-" if weight is None else f"{weight:.3g}", f"{facts['seconds']:.2f}", _verdict(facts)]
+        row += [] if blurred is None else _similarity(facts)
+        rows.append(row + [f"{facts['timings'].get(stage, 0.0):.2f}" for stage in stages])
     return [header, *rows]
 
 

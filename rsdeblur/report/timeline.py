@@ -27,9 +27,15 @@ def timeline_svg(times: Sequence[float | None], triage: Triage) -> bytes:
     lengths = np.nan_to_num(triage.lengths, nan=LEAST).clip(LEAST)
     most = 10.0 ** np.ceil(np.log10(max([1.0, 2 * triage.keep, *lengths])))
     known = [time for time in times if time is not None] or [0.0]
+    ends = min(known), max(max(known), min(known) + 1e-9)
+    radius = 3.5 if len(known) < 100 else 2.5
 
     def down(length: float) -> float:
         return float(np.interp(np.log10(length), np.log10([LEAST, most]), [bottom, top]))
+
+    def across(time: float) -> float:
+        # The first and the last dot are inside the frame.
+        return float(np.interp(time, ends, [left + 10, right - 10]))
 
     def text(x: float, y: float, words: str, anchor: str = "start") -> str:
         return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{words}</text>'
@@ -48,10 +54,9 @@ def timeline_svg(times: Sequence[float | None], triage: Triage) -> bytes:
             parts += [line("limit", limit), text(right - 6, down(limit) - 4, f"{meaning} {limit:g} px", "end")]
     for time, length, decision in zip(times, lengths, triage.decisions, strict=True):
         if time is not None:
-            x = left + (right - left) * (time - min(known)) / (max(known) - min(known) or 1.0)
-            parts.append(dot(x, down(length), 2.5, decision))
+            parts.append(dot(across(time), down(length), radius, decision))
     parts.append(f'<path class="frame" d="M{left} {top}H{right}V{bottom}H{left}Z"/>')
-    parts += [text(left, bottom + 16, f"{min(known):.4g}"), text(right, bottom + 16, f"{max(known):.4g}", "end")]
+    parts += [text(across(tick), bottom + 16, f"{tick:.3g}", "middle") for tick in np.linspace(*ends, 5)]
     parts += [text((left + right) / 2, bottom + 34, "time, s", "middle"), text(8, 20, "longest path, px")]
     for i, decision in enumerate(DECISIONS):
         x, label = left + 140 + 130 * i, f"{decision}: {triage.counts[decision]}"

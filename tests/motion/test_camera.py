@@ -170,7 +170,7 @@ def test_the_timestamp_marks_what_the_camera_says(direction: str) -> None:
     [
         (Camera(4000, 3000, (4.7, 4.7)), "is it in mm?"),
         (Camera(640, 480, 30_000), "measured in a larger picture?"),
-        (Camera(640, 480, 500, readout_time=18.0), "did you mean 18 ms?"),
+        (Camera(640, 480, (500, 500), readout_time=18.0), "did you mean 18 ms?"),
     ],
 )
 def test_mistakes_are_named(camera: Camera, hint: str) -> None:
@@ -178,8 +178,11 @@ def test_mistakes_are_named(camera: Camera, hint: str) -> None:
     assert hint in doubt
 
 
-def test_a_focal_length_in_mm_warns_at_once() -> None:
-    with pytest.warns(RsdeblurWarning, match="is it in mm"):
+def test_a_wrong_unit_warns_at_once() -> None:
+    with pytest.warns(RsdeblurWarning, match="18 ms"):
+        Camera(640, 480, 500, readout_time=18.0)
+    # 43.267 mm is the diagonal of film: 800 px here.
+    with pytest.warns(RsdeblurWarning, match="is it in mm.* means 481 px"):
         camera = Camera(640, 480, 26)
     # No second warning, which would be an error here.
     assert camera.scaled(0.5).width == 320

@@ -100,6 +100,12 @@ def test_minus_bias(shaky_log):
     np.testing.assert_allclose(log.minus_bias(bias).omega + bias, log.omega, atol=1e-15)
 
 
+def test_times_in_ms_are_suspected(shaky_log):
+    log = shaky_log()
+    with pytest.warns(RsdeblurWarning, match="must be in s"):
+        GyroLog(1000 * log.t, log.omega)
+
+
 def test_degrees_are_suspected_once(shaky_log):
     log = shaky_log()
     with pytest.warns(RsdeblurWarning, match="degrees per second") as caught:
