@@ -9,19 +9,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import rsdeblur
+import rsdeblur.plot
 
 log = rsdeblur.hand_shake(0.6, strength=0.5, seed=1)
 camera = rsdeblur.Camera(224, 168, 210.0, readout_time=0.03)
 exposure = rsdeblur.Exposure(start=0.2, duration=1 / 20)
 
 # %%
-# The gyroscope's rates. Some row is exposed in the grey window:
+# The gyroscope's rates. All rows are exposed in the dark part of the window, some in the light parts:
 
-_, ax = plt.subplots(layout="constrained")
-ax.plot(log.t, log.omega, label=["x", "y", "z"])
-ax.axvspan(*exposure.span(camera), color="0.85")
-ax.set(xlabel="t, s", ylabel="rate, rad/s")
-ax.legend()
+axes = rsdeblur.plot.log(log, camera, exposure)
 
 # %%
 # The paths of pixels during their row's window, and the kernels that follow from them:
@@ -29,11 +26,7 @@ ax.legend()
 capture = rsdeblur.motion.Capture.from_log(log, camera, exposure)
 paths = rsdeblur.motion.BlurPaths.from_capture(capture, rows=np.linspace(16, 150, 5), cols=np.linspace(28, 196, 4))
 _, (left, right) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
-for path in paths.displacements[:, 0]:
-    left.plot(path[:, 0], path[:, 1])
-left.set(title="paths down the left side, px")
-left.set_aspect("equal")
-left.invert_yaxis()
+rsdeblur.plot.paths(paths, ax=left)
 bank = rsdeblur.psfs(log, camera, exposure)
 right.imshow(rsdeblur.report.psf_map(bank, (camera.height, camera.width)))
 right.set_axis_off()

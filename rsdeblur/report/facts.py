@@ -232,12 +232,18 @@ def rates_in_camera(log: GyroLog, camera: Camera, epoch_ns: int) -> tuple[FloatA
     return log.t + (log.epoch_ns - epoch_ns) * 1e-9 + camera.time_offset, log.omega @ camera.imu_to_camera.T
 
 
+def around(first: float, last: float) -> tuple[float, float]:
+    """Return the span that a plot of an exposure from `first` to `last` shows, s."""
+    margin = max(0.5 * (last - first), 0.02)
+    return first - margin, last + margin
+
+
 def motion_data(log: GyroLog, camera: Camera, exposure: Exposure) -> dict[str, Any]:
     """Return `readout_data`, and of the log around the exposure at most 4000 sample times in ms and rates in rad/s."""
     start, end = exposure.span(camera)
     t, rates = rates_in_camera(log, camera, exposure.epoch_ns)
-    margin = max(0.5 * (end - start), 0.02)  # s
-    near = np.flatnonzero((t >= start - margin) & (t <= end + margin))
+    first, last = around(start, end)
+    near = np.flatnonzero((t >= first) & (t <= last))
     near = near[:: math.ceil(max(len(near), 1) / 4000)]
     return readout_data(camera, exposure) | {
         "t": np.round(1e3 * (t[near] - start), 4).tolist(),

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import rsdeblur as rs
-from rsdeblur import InputError, plot
+from rsdeblur import Camera, Exposure, InputError, plot
 from tests.installed import needs
 
 pyplot = needs("plot")
 
+LOG, CAMERA = rs.hand_shake(0.6, seed=1), Camera(64, 48, 80.0, readout_time=0.03, time_offset=0.1)
+EXPOSURE = Exposure(0.3, 0.05)
 PICTURE = np.random.default_rng(0).random((48, 64, 3))
 
 
@@ -23,11 +25,22 @@ def without_screen():
     pyplot.switch_backend(before)
 
 
-def test_the_example_prints_what_it_says():
-    (test,) = doctest.DocTestFinder().find(plot.comparison, "comparison", globs={})
+@pytest.mark.parametrize("name", ["paths", "log", "comparison"])
+def test_examples_print_what_they_say(name):
+    (test,) = doctest.DocTestFinder().find(getattr(plot, name), name, globs={})
     report = []
     doctest.DocTestRunner().run(test, out=report.append)
     assert not report, "".join(report)
+
+
+def test_paths_start_at_their_pixel_plus_the_first_displacement():
+    paths = rs.motion.BlurPaths.from_capture(rs.motion.Capture.from_log(LOG, CAMERA, EXPOSURE), [12, 36], [16, 48])
+    ax = plot.paths(paths)
+    zoom = float(ax.get_title().split()[-4])
+    first = ax.collections[0].get_segments()[0][0]
+    # The title gives two digits.
+    np.testing.assert_allclose(first, [16, 12] + zoom * paths.displacements[0, 0, 0], rtol=0.05, atol=0.3)
+    assert len(ax.collections) == 4
 
 
 @pytest.mark.parametrize("transfer", ["srgb", "linear", 2.2])
