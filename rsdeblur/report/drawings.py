@@ -6,7 +6,7 @@ import base64
 import math
 from collections.abc import Mapping, Sequence
 from io import BytesIO
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,10 @@ def rgb8(name: str, image: Display) -> Image.Image:
         raise InputError(f"{name} must be a picture of shape (H, W) or (H, W, C), got {np.shape(image)}")
     colours = values[..., :3] if values.shape[2] >= 3 else np.repeat(values[..., :1], 3, axis=2)
     return Image.fromarray(np.round(np.clip(colours, 0.0, 1.0) * 255.0).astype(np.uint8))
+
+
+def _display(image: Image.Image) -> FloatImage:
+    return np.asarray(image, dtype=np.float32) / np.float32(255.0)
 
 
 def _caption(image: Image.Image, corner: tuple[int, int], text: str) -> None:
@@ -86,7 +90,7 @@ def side_by_side(images: Mapping[str, Display]) -> FloatImage:
     for i, (label, column) in enumerate(zip(panels, columns, strict=True)):
         _caption(sheet, (GUTTER + i * across + 2, 6), label)
         sheet.paste(column, (GUTTER + i * across, TITLE))
-    return np.asarray(sheet, dtype=np.float32) / np.float32(255.0)
+    return _display(sheet)
 
 
 def _with_details(panel: Image.Image, boxes: Sequence[Box]) -> Image.Image:
@@ -115,10 +119,8 @@ def _detailed(panels: Sequence[Image.Image], count: int) -> list[Box]:
     width, height = panels[0].size
     tall = max(min(height, round(0.75 * width)) // 4, min(height, 16))
     wide = min(round(tall * 4 / 3), width)
-    greys = [np.pad(np.asarray(panel.convert("L"), dtype=np.float64), 1, mode="edge") for panel in panels]
     # The square root keeps one hard edge from outweighing fine print.
-    detail = np.sum([np.sqrt(np.hypot(*np.gradient(grey))[1:-1, 1:-1]) for grey in greys], axis=0)
-    table = detail.cumsum(axis=0).cumsum(axis=1)
+    table = np.sum([np.sqrt(_gradient(panel)) for panel in panels], axis=0).cumsum(axis=0).cumsum(axis=1)
     table = np.pad(table, ((1, 0), (1, 0)))
     # The sum over the box below and right of every place where it fits.
     sums = table[tall:, wide:] - table[:-tall, wide:] - table[tall:, :-wide] + table[:-tall, :-wide]
@@ -136,26 +138,53 @@ def _detailed(panels: Sequence[Image.Image], count: int) -> list[Box]:
     return boxes
 
 
-def _trails(bank: PsfBank) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the rows and columns of at most `MOST` kernels of a bank, evenly spaced, and these kernels, (B, S, h, w).
+def _gradient(panel: Image.Image) -> FloatArray:
+    grey = np.pad(np.asarray(panel.convert("L"), dtype=np.float64), 1, mode="edge")
+    magnitude: FloatArray = np.hypot(*np.gradient(grey))[1:-1, 1:-1]
+    return magnitude
 
-    They are brightened to their own peaks from 0 to 1, and cut to the smallest common size that keeps what is visible.
+
+class Trails(NamedTuple):
+    """Kernels of a bank as drawings show them, with the rows and columns of their places in px.
+
+    `kernels`, shape (B, S, h, w), are an even selection, brightened to their own peaks from 0 to 1, and cut to the
+    smallest common size that keeps what is visible.
     """
-    every = [-(-count // most) for count, most in zip(bank.kernels.shape[:2], MOST, strict=True)]
-    down, across = (
-        slice((count - 1) % step // 2, None, step) for count, step in zip(bank.kernels.shape[:2], every, strict=True)
+
+    rows: FloatArray
+    cols: FloatArray
+    kernels: FloatArray
+
+    @classmethod
+    def of(cls, bank: PsfBank) -> Trails:
+        """Return at most `MOST` rows and columns of the kernels of a bank."""
+        down, across = map(thinned, bank.kernels.shape[:2], MOST)
+        kernels = np.asarray(bank.kernels[down, across], dtype=np.float64)
+        shares = kernels / np.maximum(kernels.max(axis=(2, 3), keepdims=True), 1e-30)
+        # Values below a thousandth of the peak are invisible.
+        seen = (shares > 1e-3).any(axis=(0, 1))
+        middle = np.array(seen.shape) // 2
+        # One pixel of margin lets the glow fade out where it is enlarged.
+        reach = np.abs(np.argwhere(seen) - middle).max(axis=0) + 1
+        (top, left), (bottom, right) = middle + 1 - reach, middle + 2 + reach
+        padded = np.pad(shares, ((0, 0), (0, 0), (1, 1), (1, 1)))[:, :, top:bottom, left:right]
+        # The square root makes faint parts of a trail visible.
+        return cls(np.asarray(bank.rows)[down], np.asarray(bank.cols)[across], np.sqrt(padded.clip(0.0, 1.0)))
+
+
+def thinned(count: int, most: int) -> slice:
+    """Return a slice that takes at most `most` of `count` things, evenly spaced."""
+    every = -(-count // most)
+    return slice((count - 1) % every // 2, None, every)
+
+
+def fitting(rows: FloatArray, cols: FloatArray, size: Sequence[float], shape: tuple[int, ...]) -> float:
+    """Return the factor by which things of `size` fill the room between two places of a picture of this shape."""
+    rooms = (
+        np.diff(places).min() if len(places) > 1 else whole
+        for places, whole in zip((rows, cols), shape[:2], strict=True)
     )
-    kernels = np.asarray(bank.kernels[down, across], dtype=np.float64)
-    shares = kernels / np.maximum(kernels.max(axis=(2, 3), keepdims=True), 1e-30)
-    # Values below a thousandth of the peak are invisible.
-    seen = (shares > 1e-3).any(axis=(0, 1))
-    middle = np.array(seen.shape) // 2
-    # One pixel of margin lets the glow fade out where it is enlarged.
-    reach = np.abs(np.argwhere(seen) - middle).max(axis=0) + 1
-    (top, left), (bottom, right) = middle + 1 - reach, middle + 2 + reach
-    padded = np.pad(shares, ((0, 0), (0, 0), (1, 1), (1, 1)))[:, :, top:bottom, left:right]
-    # The square root makes faint parts of a trail visible.
-    return np.asarray(bank.rows)[down], np.asarray(bank.cols)[across], np.sqrt(padded.clip(0.0, 1.0))
+    return 0.94 * min(float(room) / side for room, side in zip(rooms, size, strict=True))
 
 
 def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: Display | None = None) -> FloatImage:
@@ -191,12 +220,8 @@ def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: Display | None = 
     if picture is not None:
         grey = rgb8("picture", picture).convert("L").resize((width, height), Image.Resampling.BICUBIC)
         drawing.paste(grey.point(lambda value: value * DIM).convert("RGB"))
-    rows, cols, kernels = _trails(bank)
-    rooms = [
-        float(np.diff(places).min() if len(places) > 1 else whole)
-        for places, whole in zip((rows, cols), shape[:2], strict=True)
-    ]
-    zoom = min(0.94 * scale * min(np.divide(rooms, kernels.shape[2:])), 12.0)
+    rows, cols, kernels = Trails.of(bank)
+    zoom = min(fitting(rows, cols, kernels.shape[2:], shape) * scale, 12.0)
     places = [((row + 0.5) * scale, (col + 0.5) * scale) for row in rows for col in cols]
     for kernel, place in zip(kernels.reshape(-1, *kernels.shape[2:]), places, strict=True):
         _lay(drawing, kernel, zoom, place)
@@ -213,7 +238,7 @@ def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: Display | None = 
     sheet = Image.new("RGB", (drawing.width, drawing.height + TITLE), GROUND)
     sheet.paste(drawing)
     _caption(sheet, (GUTTER, drawing.height + GUTTER // 2), text)
-    return np.asarray(sheet, dtype=np.float32) / np.float32(255.0)
+    return _display(sheet)
 
 
 def _lay(drawing: Image.Image, kernel: FloatArray, zoom: float, place: tuple[float, float]) -> None:
@@ -258,7 +283,7 @@ def weight_map_uri(picture: Display, weights: Display) -> str:
 
 def bank_data(bank: PsfBank) -> dict[str, Any]:
     """Return an evenly spaced selection of the kernels as one grey picture, with their places, for a page."""
-    rows, cols, kernels = _trails(bank)
+    rows, cols, kernels = Trails.of(bank)
     down, across, tall, wide = kernels.shape
     atlas = rgb8("kernels", kernels.transpose(0, 2, 1, 3).reshape(down * tall, across * wide)).convert("L")
     return {

@@ -181,20 +181,18 @@ def render(page: Page) -> str:
         "best": best,
         "place": telling_place(next(iter(page.shown.values())), page.shown[best]),
     }
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     warnings = sum(finding.level == "warning" for finding in outcomes)
     summary = f"{warnings or 'no'} warning{'s' * (warnings != 1)}"
     badge = f"{escape(best)}: {_badge(modes[best])} · " if modes[best].get("check") else ""
     main = Template(part("page.html")).substitute(
         viewer=part("page_viewer.html"),
-        scale=f"Pictures are embedded as JPEG at {scale:.0%} of their size.",
+        scale=_scale(scale, width, height),
         pictures="\n".join(_figure(label, uri) for label, uri in zip(page.shown, uris, strict=True)),
         frames=_frames(page),
         modes=_modes(page),
         findings="\n".join(map(_finding, outcomes)),
         settings="\n".join(_settings(title, rows) for title, rows in page.settings.items()),
-        # No text can end the script element or open a comment.
-        data=text.replace("&", r"\u0026").replace("<", r"\u003c").replace(">", r"\u003e"),
+        data=script_json(data),
     )
     return document(
         kind="rsdeblur report",
@@ -205,6 +203,12 @@ def render(page: Page) -> str:
     )
 
 
+def script_json(payload: Any) -> str:
+    """Return JSON that is safe in a script element: no text in it can end the element or open a comment."""
+    text = json.dumps(payload, separators=(",", ":"), allow_nan=False)
+    return text.replace("&", r"\u0026").replace("<", r"\u003c").replace(">", r"\u003e")
+
+
 def _verdict(facts: Mapping[str, Any]) -> str:
     """Return the verdict on a result: that of the check, "failed" or "not checked"."""
     return "failed" if "error" in facts else str((facts.get("check") or {}).get("verdict", "not checked"))
@@ -213,6 +217,15 @@ def _verdict(facts: Mapping[str, Any]) -> str:
 def _badge(facts: Mapping[str, Any]) -> str:
     verdict = _verdict(facts)
     return f'<span class="verdict {VERDICT_LEVELS.get(verdict, "warning")}">{verdict}</span>'
+
+
+def _scale(scale: float, width: int, height: int) -> str:
+    if scale == 1.0:
+        return "Pictures are embedded as JPEG at full size."
+    size = f"{round(width * scale)} {TIMES} {round(height * scale)} px"
+    return (
+        f"Pictures are embedded as JPEG, reduced to {scale:.1%} ({size}); the files written by compare have full size."
+    )
 
 
 def _finding(finding: Finding) -> str:
