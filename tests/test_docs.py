@@ -56,8 +56,8 @@ def follow(step: Step, size: str) -> None:
 def unrefined(monkeypatch: pytest.MonkeyPatch) -> None:
     """Refine at once: what a picture says of its recording has its own tests."""
 
-    def refine(_: object, *recording: Any, **__: object) -> Refinement:
-        return Refinement(*recording, None, False, "", Correction(), Correction(), 0.0, 0.0, 0.0)
+    def refine(_: object, log: Any, camera: Any, exposure: Any, **__: object) -> Refinement:
+        return Refinement(log, camera, exposure, None, False, "", Correction(), Correction(), 0.0, 0.0, 0.0)
 
     monkeypatch.setattr("rsdeblur.pipeline.plan.refine", refine)
 
