@@ -8,7 +8,7 @@ VENV_PYTHON = $(BIN)/python$(EXE)
 PIP = $(BIN)/python -m pip install --quiet
 CBUILD = build/c
 
-.PHONY: demo test with-test test-plain-c test-lowest lint test-c docs dist clean
+.PHONY: demo test test-plain-c test-lowest lint test-c docs dist clean
 
 demo: $(VENV_PYTHON)
 	@echo 'Installing rsdeblur and the libraries it needs into $(VENV): a minute or more.'
@@ -18,11 +18,8 @@ demo: $(VENV_PYTHON)
 # The C code is compiled and tested while pip works, which takes one processor.
 test: $(VENV_PYTHON)
 	$(PIP) 'meson>=1.4' ninja
-	$(MAKE) --jobs=2 with-test test-plain-c
+	$(PIP) '.[test]' & pip=$$!; $(MAKE) test-plain-c; c=$$?; wait $$pip && exit $$c
 	$(PYTEST)
-
-with-test:
-	$(PIP) '.[test]'
 
 test-plain-c:
 	$(call run-c,plain,)

@@ -34,6 +34,10 @@ if TYPE_CHECKING:
 __all__ = ["comparison", "log", "paths"]
 
 
+def __dir__() -> list[str]:
+    return __all__
+
+
 def paths(paths: BlurPaths, picture: ArrayLike | None = None, *, ax: Axes | None = None) -> Axes:
     """Draw the paths of pixels at their places, enlarged by one factor, from dark (first) to bright (last).
 

@@ -89,26 +89,6 @@ def test_figures_of_several_runs_make_one_page(module, tmp_path, monkeypatch):
     assert "<svg" in (tmp_path / "last.svg").read_text()
 
 
-def test_without_recordings_pictures_that_anybody_has_take_their_place(module, monkeypatch):
-    data = module("data")
-    monkeypatch.setattr(data, "RECORDED", False)
-    for name in data.STAND_INS:
-        picture = data.encoded(name)
-        assert picture.shape[2] == 3
-        assert 0.0 <= picture.min() < picture.max() <= 1.0
-        if name.startswith("kodim"):
-            assert picture.shape[:2] == (512, 768)
-    assert [data.set12(n).shape for n in (1, 7, 8, 12)] == [(256, 256)] * 2 + [(512, 512)] * 2
-    data.shake.cache_clear()
-    kernels = data.kernels()
-    data.shake.cache_clear()
-    assert len(kernels) == 8
-    for kernel in kernels:
-        assert kernel.sum() == pytest.approx(1.0)
-        assert all(side % 2 for side in kernel.shape)
-    assert data.noted("table").splitlines() == [data.NOTE, "", "table"]
-
-
 NOISE = 0.003
 
 

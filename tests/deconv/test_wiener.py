@@ -41,14 +41,6 @@ def test_global_is_the_wiener_equation(picture: np.ndarray, nsr: float) -> None:
     np.testing.assert_allclose(result, expected, atol=2e-6 / nsr**0.5)
 
 
-@pytest.mark.parametrize("grid", [(1, 1), (6, 1), (1, 5), (4, 3)])
-@pytest.mark.parametrize("border", ["blend", "periodic"])
-def test_no_motion_is_the_identity(picture: np.ndarray, grid: tuple[int, int], border: str) -> None:
-    bank = PsfBank.for_picture(delta(*grid), picture.shape)
-    result = Deconvolver(bank, picture.shape, nsr=0.05, border=border).apply(picture)
-    np.testing.assert_allclose(result, picture, atol=FLOAT32)
-
-
 def test_same_kernel_everywhere_equals_global() -> None:
     """Tiles that share one kernel differ from the whole only by the fade in their margins."""
     picture = scene(150, 200)

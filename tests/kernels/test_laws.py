@@ -3,17 +3,15 @@
 import numpy as np
 import pytest
 import scipy.fft
-from scipy import ndimage
 
 from rsdeblur.kernels import chroma, frame
 from rsdeblur.kernels.frame import HALO, LEVELS, WORK
 from rsdeblur.kernels.noise import halved_gradient_energy
 from rsdeblur.kernels.raster import interpolated, rasterize
-from rsdeblur.kernels.resample import average_warps, to_spline
 from rsdeblur.kernels.shrink import CHUNK, extrapolate
 from rsdeblur.kernels.tone import END, to_srgb, to_srgb_levels
 from rsdeblur.kernels.whittle import Tiles, fit_gains, information, smoothed_power
-from tests.oracles.geometry import rasterize_numpy, to_spline_numpy
+from tests.oracles.geometry import rasterize_numpy
 
 # A few roundings of values up to 1; slopes up to 4 divide by variances down to FLAT.
 FLOAT32, SLOPED = 1e-6, 1e-4
@@ -36,15 +34,6 @@ def test_an_even_colour_comes_back(picture):
     luma, half = chroma.separate(coloured)
     # Things much darker than the bright parts count as grey.
     np.testing.assert_allclose(joined(luma, half, 1.0), coloured, atol=chroma.DARK)
-
-
-def test_a_smooth_picture_comes_back():
-    y, x = np.mgrid[:60, :80] / 100
-    smooth = np.stack([x, y, 1 - x * y], axis=-1).astype(np.float32)
-    # Interpolated linearly between pixels of twice the size: exact but for the bend of x y and the ends of the picture.
-    luma, half = chroma.separate(smooth)
-    again = joined(luma, half, 1.0)
-    np.testing.assert_allclose(again[2:-2, 2:-2], smooth[2:-2, 2:-2], atol=1e-3)
 
 
 def test_ringing_below_black_is_not_amplified():
@@ -118,19 +107,6 @@ def test_the_whole_spectrum_is_smoothed(noise_tiles):
     np.testing.assert_allclose(smoothed_power(scipy.fft.rfft2(noise_tiles)), half, rtol=1e-4, atol=1e-5 * half.max())
 
 
-@pytest.mark.parametrize("shape", [(300, 7, 1), (1, 90, 4), (2, 2, 2)])
-def test_coefficients_are_those_of_scipy(shape: tuple[int, int, int]) -> None:
-    picture = np.random.default_rng(2).uniform(size=shape).astype(np.float32)
-    got, expected = picture.copy(), picture.copy()
-    to_spline(got, threads=1)
-    to_spline_numpy(expected)
-    # The gain of the filters is at most 24; recursions in float32 for values up to 16.
-    np.testing.assert_allclose(got, expected, atol=2e-5)
-    shared = picture.copy()
-    to_spline(shared, threads=3)
-    np.testing.assert_array_equal(shared, got)
-
-
 # Dark and bright, below black and beyond white, and either side of the end of the straight part.
 LIGHT = np.concatenate(
     [
@@ -150,21 +126,6 @@ def test_integers_are_the_rounded_clipped_values(dtype: type) -> None:
     np.testing.assert_array_equal(levels, np.rint(to_srgb(LIGHT).clip(0, 1) * np.float32(most)))
     for value in (np.nan, np.inf, -np.inf):
         assert not to_srgb_levels(np.append(LIGHT, np.float32(value)), np.dtype(dtype))[1]
-
-
-@pytest.mark.parametrize(("dx", "dy"), [(0, 0), (3, 0), (0, -5), (-40, 60)])
-def test_whole_pixels_shift_and_edges_mirror(dx, dy):
-    picture, pad = np.random.default_rng(0).random((24, 31, 3)), 70
-    spline = np.stack(
-        [ndimage.spline_filter(plane, 3, output=np.float32, mode="mirror") for plane in np.moveaxis(picture, 2, 0)], -1
-    )
-    warps = np.tile(np.eye(3), (24, 1, 1, 1))
-    warps[..., :2, 2] = dx, dy
-    # numpy's "reflect" is the spline's "mirror": the border pixel is not repeated.
-    wide = np.pad(picture, ((pad, pad), (pad, pad), (0, 0)), mode="reflect")
-    expected = wide[pad + dy : pad + dy + 24, pad + dx : pad + dx + 31]
-    # Sixteen float32 products of values below 1 with weights that sum to 1, and a float32 fraction of a pixel.
-    np.testing.assert_allclose(average_warps(spline, warps, 31), expected, atol=2e-6)
 
 
 HALF_HEIGHT, HALF_WIDTH = 9, 12
@@ -208,20 +169,6 @@ def test_a_point_on_a_pixel_is_a_delta(x, y):
     expected = np.zeros_like(kernel)
     expected[HALF_HEIGHT + y, HALF_WIDTH + x] = 1.0
     np.testing.assert_array_equal(kernel, expected)
-
-
-def test_a_point_between_pixels_is_bilinear():
-    kernel = raster([[2.25, -1.5], [2.25, -1.5]])
-    np.testing.assert_allclose(kernel[7:9, 14:16], [[0.375, 0.125], [0.375, 0.125]], atol=ATOL)
-
-
-def test_a_straight_path_is_integrated_exactly():
-    # An inner pixel gets the integral of its tent, one share; the end pixels get half a share.
-    kernel = raster([[-4, 0], [4, 0]])
-    row = np.array([0.5, *[1.0] * 7, 0.5]) / 8
-    np.testing.assert_allclose(kernel[HALF_HEIGHT, HALF_WIDTH - 4 : HALF_WIDTH + 5], row, atol=ATOL)
-    # Shares of the corners along the diagonal of a cell: the integral of (1 - t)^2 is 1/3, of t (1 - t) 1/6.
-    np.testing.assert_allclose(raster([[0, 0], [1, 1]])[9:11, 12:14], [[1 / 3, 1 / 6], [1 / 6, 1 / 3]], atol=ATOL)
 
 
 def test_interpolated_kernels():

@@ -49,15 +49,10 @@ def noise():
 
 
 @pytest.mark.parametrize(("length", "start"), [(40, 0), (60, 0), (60, -13), (25, 7), (25, -9), (25, 30), (200, -70)])
-def test_periodic_repeats(extended, noise, length, start):
-    expected = np.take(noise, np.arange(start, start + length), axis=0, mode="wrap")
-    np.testing.assert_array_equal(extended(noise, length, start, border="periodic"), expected)
-
-
-@pytest.mark.parametrize(("length", "start"), [(40, 0), (60, 0), (60, -13), (25, 7), (25, -9), (25, 30), (200, -70)])
-def test_blend_reflects_and_repeats_the_border_pixel(extended, noise, length, start):
-    wide = np.pad(noise, ((300, 300), (0, 0)), mode="symmetric")
-    np.testing.assert_array_equal(extended(noise, length, start), wide[300 + start : 300 + start + length])
+@pytest.mark.parametrize(("border", "mode"), [("periodic", "wrap"), ("blend", "symmetric")])
+def test_a_picture_repeats_or_is_reflected_with_its_border_pixel(extended, noise, border, mode, length, start):
+    wide = np.pad(noise, ((300, 300), (0, 0)), mode=mode)
+    np.testing.assert_array_equal(extended(noise, length, start, border=border), wide[300 + start :][:length])
 
 
 @pytest.mark.parametrize(("length", "start"), [(30, 4), (30, -5), (60, -8)])

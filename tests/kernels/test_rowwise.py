@@ -104,20 +104,7 @@ def test_forward_and_adjoint_are_the_matrix(kernels, rows, tallest, channels):
 
 @pytest.mark.parametrize(("rows", "tallest", "channels"), CASES)
 @pytest.mark.parametrize(("slope", "bend"), PENALTIES)
-def test_solve_solves(kernels, rows, tallest, channels, slope, bend):
-    c = case(rows, tallest, channels, seed=1)
-    blur, n = dense(c), c.model.latents
-    weights = penalty(slope, bend)
-    normal = blur.conj().swapaxes(1, 2) @ blur + term(weights, n)
-    expected = np.linalg.solve(normal, blur.conj().swapaxes(1, 2) @ values(c.data) + values(c.latent))
-    kernels.solve(c.model, c.table, c.data, c.latent, workspace(kernels, c, True), weights)
-    # Rounding 6e-8 times the condition number, at most (1 + 4 slope + 16 bend) / 0.05 = 70, times a few steps.
-    np.testing.assert_allclose(values(c.latent), expected, atol=2e-5 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize(("rows", "tallest", "channels"), CASES)
-@pytest.mark.parametrize(("slope", "bend"), PENALTIES)
-def test_assembled_matrix_is_the_normal_matrix_and_solves(kernels, rows, tallest, channels, slope, bend):
+def test_the_normal_matrix_and_both_ways_to_solve(kernels, rows, tallest, channels, slope, bend):
     c = case(rows, tallest, channels, seed=1)
     blur, n = dense(c), c.model.latents
     normal = np.empty(kernels.assembled_size(c.model, c.table, c.rows), dtype=np.float32)
@@ -129,12 +116,14 @@ def test_assembled_matrix_is_the_normal_matrix_and_solves(kernels, rows, tallest
         expected = matrix[:, 3 * j : 3 * j + 3, 3 * i : 3 * i + 3].conj()
         # Sums of some dozen values below 1 in float32.
         np.testing.assert_allclose(np.moveaxis(tile[:, :, 0] + 1j * tile[:, :, 1], -1, 0), expected, atol=2e-6)
-    weights = penalty(slope, bend)
+    weights, latent, seen = penalty(slope, bend), c.latent.copy(), blur.conj().swapaxes(1, 2) @ values(c.data)
+    kernels.solve_assembled(c.model, c.table, normal, latent, workspace(kernels, c, True), weights, c.rows)
+    kernels.solve(c.model, c.table, c.data, given := c.latent.copy(), workspace(kernels, c, True), weights)
     matrix += term(weights, n)
-    expected = np.linalg.solve(matrix, values(c.latent))
-    kernels.solve_assembled(c.model, c.table, normal, c.latent, workspace(kernels, c, True), weights, c.rows)
-    # As test_solve_solves.
-    np.testing.assert_allclose(values(c.latent), expected, atol=2e-5 * np.abs(expected).max())
+    for found, above in ((latent, values(c.latent)), (given, seen + values(c.latent))):
+        expected = np.linalg.solve(matrix, above)
+        # Rounding 6e-8 times the condition number, at most (1 + 4 slope + 16 bend) / 0.05 = 70, times a few steps.
+        np.testing.assert_allclose(values(found), expected, atol=2e-5 * np.abs(expected).max())
 
 
 @needs_native

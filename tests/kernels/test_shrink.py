@@ -68,29 +68,6 @@ def test_derivatives_that_are_not_shrunk_make_the_term_that_solvers_add(picture,
     np.testing.assert_allclose(out, expected, atol=FLOAT32)
 
 
-def share_kept(magnitude):
-    """Return the share of vectors that a threshold of 0.3 leaves."""
-    return np.polynomial.polynomial.polyval(0.6 / np.maximum(magnitude, 0.3) - 1, POLYNOMIAL) * (magnitude > 0.3)
-
-
-def derivatives(picture, periodic):
-    """Return the five derivatives, scaled as they are shrunk; each a picture."""
-    across, down = shrink.gradient(picture, periodic=periodic)
-    bends = (np.roll(part, 1, axis) - part for part, axis in ((across, 1), (down, 0)))
-    twist = shrink.gradient(down, periodic=periodic)[0]
-    return [across, down, *(bend / 2 for bend in bends), twist / np.sqrt(2)]
-
-
-@pytest.mark.parametrize("periodic", [False, True])
-def test_pull_is_the_adjoint_applied_to_each_shrunk_derivative(picture, periodic):
-    out = derivatives_adjoint(picture, 0.3, periodic=periodic)
-    other, expected = np.random.default_rng(1).random(picture.shape), 0.0
-    for own, of_other in zip(derivatives(picture, periodic), derivatives(other, periodic), strict=True):
-        magnitude = np.sqrt((own**2).sum(axis=2, keepdims=True))
-        expected += (share_kept(magnitude) * own * of_other).sum() / 2
-    assert (out * other).sum() == pytest.approx(expected, abs=1e-4)
-
-
 @pytest.mark.parametrize("periodic", [False, True])
 def test_blocks_of_rows_make_the_whole(either, picture, periodic):
     np.testing.assert_array_equal(

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rsdeblur.kernels.raster import _TABLE, GAUSS_HIGH, GAUSS_LOW, MOST_STEP, STEPS, WIDTH, _sinc_table
+from rsdeblur.kernels.raster import GAUSS_HIGH, GAUSS_LOW
 from rsdeblur.kernels.resample import FARTHEST, ORDER
 from rsdeblur.types import FloatArray, FloatImage
 
@@ -92,43 +92,6 @@ def sample_numpy(coefficients: FloatImage, x: NDArray[np.float32], y: NDArray[np
     return values
 
 
-def interpolated_numpy(
-    paths: NDArray[np.float64], half_height: int, half_width: int, softness: float = 0.0
-) -> NDArray[np.float32]:
-    grids = np.full((len(paths), 2 * half_height + 1, 2 * half_width + 1), np.nan)
-    if _fits(paths, (1.0, 1.0), grids[0]):
-        grids[...] = 0
-        for path, grid in zip(paths, grids, strict=True):
-            _spread_numpy(path, (1.0, 1.0), _sinc_table(softness), grid)
-    kernels: NDArray[np.float32] = (grids / grids.sum(axis=(1, 2), keepdims=True)).astype(np.float32)
-    return kernels
-
-
-def spread_numpy(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> float:
-    """Readable twin of :func:`spread`: first all Gauss points, then a weighted histogram."""
-    grid[...] = 0 if _fits(path, pitches, grid) else np.nan
-    if grid[0, 0] == 0:
-        _spread_numpy(path, pitches, _TABLE, grid)
-    return float(grid.sum())
-
-
-def _spread_numpy(path: NDArray[np.float64], pitches: tuple[float, float], table: FloatArray, grid: FloatArray) -> None:
-    scaled = path * pitches[::-1]
-    steps = np.diff(scaled, axis=0)
-    parts = np.maximum(np.ceil(np.abs(steps).max(axis=1) / MOST_STEP), 1).astype(int)
-    segment = np.repeat(np.arange(len(steps)), parts)
-    part = np.arange(len(segment)) - np.repeat(np.cumsum(parts) - parts, parts)
-    for gauss in (GAUSS_LOW, GAUSS_HIGH):
-        at = scaled[segment] + ((part + gauss) / parts[segment])[:, None] * steps[segment]
-        first = np.floor(at).astype(int) - WIDTH // 2 + 1
-        place = first[..., None] + np.arange(WIDTH)
-        in_x, in_y = np.moveaxis(np.interp(np.abs(place - at[..., None]) * STEPS, np.arange(len(table)), table), 1, 0)
-        x, y = np.moveaxis(place, 1, 0)
-        energy = 0.5 / parts[segment] / len(steps)
-        at_points = y[:, :, None] + grid.shape[0] // 2, x[:, None] + grid.shape[1] // 2
-        np.add.at(grid, at_points, energy[:, None, None] * in_y[:, :, None] * in_x[:, None])
-
-
 def average_warps_numpy(
     coefficients: NDArray[np.float32], warps: NDArray[np.float64], width: int
 ) -> NDArray[np.float32]:
@@ -147,9 +110,3 @@ def average_warps_numpy(
             total[..., c] += np.where(known, values, np.nan)
     mean: NDArray[np.float32] = (total / samples).astype(np.float32)
     return mean
-
-
-def _fits(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> bool:
-    """Return whether the grid holds the path with the window around it."""
-    down, across = ((n - 1 - WIDTH) / 2 / pitch for n, pitch in zip(grid.shape, pitches, strict=True))
-    return bool((np.abs(path) <= (across, down)).all())

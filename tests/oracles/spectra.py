@@ -4,10 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.kernels.noise import TilePowers, _first_gains, _first_noises
-from rsdeblur.kernels.rowwise import LANES
-from rsdeblur.kernels.spectral import TINY
 from rsdeblur.kernels.whittle import FAINTEST, LONGEST, SETTLED, STEPS, Tiles
-from rsdeblur.types import ComplexArray, Float32Array, FloatArray
+from rsdeblur.types import FloatArray
 
 
 def fit_floors_numpy(
@@ -32,62 +30,6 @@ def fit_floors_numpy(
         up, down = weight * prior / squared**2, weight / squared
         squared *= (up + (each * surprise * tiles.error).sum()) / (down + (each * known * tiles.error).sum())
     return even + brighter * bright.mean(), float(squared)
-
-
-def add_normal_numpy(
-    spectra: NDArray[np.complex64],
-    otfs: NDArray[np.complex64],
-    share: float,
-    first: bool,
-    signal: NDArray[np.complex64],
-    power: NDArray[np.float32],
-) -> None:
-    signal[...] = share * otfs.conj()[:, None] * spectra + (0 if first else signal)
-    power[...] = share * np.abs(otfs) ** 2 + (0 if first else power)
-
-
-def solve_normal_numpy(
-    signal: NDArray[np.complex64],
-    power: NDArray[np.float32],
-    across: NDArray[np.float32],
-    down: NDArray[np.float32],
-    nsr: float,
-    coupling: tuple[float, float, float],
-    pull: float,
-    scale: float,
-    spectra: NDArray[np.complex64],
-) -> None:
-    picture, gradient, bend = coupling
-    squared = across[:, None] + down
-    gains = scale / np.maximum(power + nsr + picture + gradient * squared + bend * squared**2, TINY)
-    spectra[...] = gains[:, None] * ((1 + nsr) * signal + pull * spectra)
-
-
-def rows_around_origin_numpy(grid: NDArray[np.floating], factor: float, rows: Float32Array) -> None:
-    padded = np.zeros(rows.shape)
-    padded[:, : grid.shape[1]] = grid * factor
-    rows[...] = np.roll(padded, -(grid.shape[1] // 2), axis=1)
-
-
-def columns_around_origin_numpy(spectrum: ComplexArray, gains: Float32Array, first: int, columns: ComplexArray) -> None:
-    part = (spectrum * gains)[:, first : first + len(columns)].T
-    columns[...] = 0
-    columns[: len(part), : part.shape[1]] = part
-    columns[...] = np.roll(columns, -(len(spectrum) // 2), axis=1)
-
-
-def lowest_frequencies_numpy(spectra: ComplexArray, gains: Float32Array, out: ComplexArray) -> None:
-    length, half = len(gains), len(gains) // 2
-    out[:, : length - half], out[:, length - half :] = spectra[:, : length - half], spectra[:, -half:]
-    if length % 2 == 0:
-        out[:, half] = (spectra[:, -half] + spectra[:, half]) / 2
-    out *= gains
-
-
-def put_columns_numpy(columns: ComplexArray, block: int, band: int, out: ComplexArray) -> None:
-    target = out[block:, band]
-    blocks = columns.reshape(-1, *target.shape[1:])[: len(target)]
-    target[: len(blocks)] = blocks
 
 
 def fit_gains_numpy(tiles: Tiles, levels: FloatArray, stiffness: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -155,24 +97,3 @@ def information_numpy(
         of_gains = np.diag(own[tile]) - stiffness / count
         fisher[tile] -= mixed[:, tile] @ np.linalg.solve(of_gains, mixed[:, tile].T)
     return gradient, fisher
-
-
-def invert_numpy(
-    otfs: ComplexArray, nsr: np.float32, scale: np.float32, block: int, band: int, out: ComplexArray
-) -> None:
-    target = out[block:, band]
-    columns = otfs.reshape(-1, *target.shape[1:])[: len(target)]
-    target[: len(columns)] = columns.conj() * (scale / (np.square(columns.real) + np.square(columns.imag) + nsr))
-
-
-def spectra_to_lanes_numpy(spectra: ComplexArray, rows: int, lanes: Float32Array, top: int) -> None:
-    for b, block in enumerate(lanes):
-        part = spectra[:, :rows, LANES * b : LANES * (b + 1)]
-        for axis, values in enumerate((part.real, part.imag)):
-            block[:, top : top + rows, axis, : part.shape[2]] = values
-
-
-def lanes_to_spectra_numpy(lanes: Float32Array, top: int, spectra: ComplexArray, rows: int) -> None:
-    values = lanes[:, :, top : top + rows, 0] + 1j * lanes[:, :, top : top + rows, 1]
-    whole = np.moveaxis(values, 0, 2).reshape(*values.shape[1:3], -1)
-    spectra[:, :rows] = whole[..., : spectra.shape[2]]

@@ -63,30 +63,21 @@ def test_energy_of_the_sharp_picture_is_found(sharp: np.ndarray, size: tuple[int
 
 @pytest.mark.usefixtures("as_modelled")
 @pytest.mark.parametrize("noise", [0.01, 0.03])
-def test_nsr_is_the_best_one(sharp: np.ndarray, noise: float) -> None:
+@pytest.mark.parametrize("name", ["wiener_nsr", "gradient_weight"])
+def test_strengths_are_the_best_ones(sharp: np.ndarray, noise: float, name: str) -> None:
     bank = PsfBank.for_picture(kernel(), sharp.shape)
     picture = blurred(sharp, kernel(), noise)
 
-    def error(nsr: float) -> float:
-        result = Deconvolver(bank, picture.shape, nsr=nsr, border="periodic").apply(picture)
+    def error(value: float) -> float:
+        if name == "wiener_nsr":
+            result = Deconvolver(bank, picture.shape, nsr=value, border="periodic").apply(picture)
+        else:
+            tiles = TileQuadratic(bank, picture.shape, nsr=1e-6, border="periodic")
+            result = tiles.apply(picture, prior=DerivativePrior("gradient", value))
         return float(np.sqrt(np.mean((result - sharp) ** 2)))
 
-    best = Tuning.of(picture, bank).wiener_nsr
-    assert error(best) < 1.02 * min(error(nsr) for nsr in np.geomspace(1e-3, 3, 15))
-
-
-@pytest.mark.usefixtures("as_modelled")
-@pytest.mark.parametrize("noise", [0.01, 0.03])
-def test_weight_is_the_best_one(sharp: np.ndarray, noise: float) -> None:
-    bank = PsfBank.for_picture(kernel(), sharp.shape)
-    picture = blurred(sharp, kernel(), noise)
-
-    def error(weight: float) -> float:
-        tiles = TileQuadratic(bank, picture.shape, nsr=1e-6, border="periodic")
-        return float(np.sqrt(np.mean((tiles.apply(picture, prior=DerivativePrior("gradient", weight)) - sharp) ** 2)))
-
-    best = Tuning.of(picture, bank).gradient_weight
-    assert error(best) < 1.02 * min(error(weight) for weight in np.geomspace(1e-3, 3, 15))
+    best = getattr(Tuning.of(picture, bank), name)
+    assert error(best) < 1.02 * min(error(value) for value in np.geomspace(1e-3, 3, 15))
 
 
 @pytest.mark.usefixtures("as_modelled")
