@@ -37,6 +37,7 @@ from rsdeblur.io.cameras import write_time_offset as write_time_offset
 from rsdeblur.io.captures import open_captures as open_captures
 from rsdeblur.io.columns import choice_for as choice_for
 from rsdeblur.io.gyro_binary import frame_exposures as frame_exposures
+from rsdeblur.io.gyro_logs import axes_problems as axes_problems
 from rsdeblur.io.gyro_logs import detect_gyro_format as detect_gyro_format
 from rsdeblur.io.metadata import EXIF_ERROR as EXIF_ERROR
 from rsdeblur.io.metadata import Exif as Exif
@@ -72,7 +73,9 @@ from rsdeblur.motion.camera import Camera as Camera
 from rsdeblur.motion.camera_values import focal35_px as focal35_px
 from rsdeblur.motion.exposure import Exposure as Exposure
 from rsdeblur.motion.gyro import AccelerationLog as AccelerationLog
+from rsdeblur.motion.gyro import Gravity as Gravity
 from rsdeblur.motion.gyro import GyroLog as GyroLog
+from rsdeblur.motion.gyro import gravity_in as gravity_in
 from rsdeblur.motion.paths import BlurPaths as BlurPaths
 from rsdeblur.motion.translation import Translation as Translation
 from rsdeblur.motion.triage import Triage as Triage

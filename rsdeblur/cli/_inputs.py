@@ -24,10 +24,7 @@ from rsdeblur.errors import CoverageError, FileFormatError, InputError
 
 # Frames by which telemetry and video may differ.
 MOST_MISSING = 2
-# Angle (rad) from which gravity does not point to the bottom of a picture, and that from which it points to its top.
-ASIDE, TOP = math.radians(50), math.radians(130)
-# Apps of the rear camera, whose accelerometers show the same sign on all devices. Raw values of iOS have the opposite
-# one, which looks like a picture upside down.
+# Apps of the rear camera, whose accelerometers show the same sign on all devices.
 REAR = "mars", "deepgyro"
 # Where the bottom of the viewed picture is in the stored one, for each orientation in EXIF that does not mirror: angle
 # (rad) from its bottom towards its right.
@@ -60,13 +57,13 @@ def with_exif(recording: Recording, photo: Path) -> Recording:
     return replace(recording, camera=recording.camera or photo, start=start)
 
 
-def photo_gravity(photo: Path, inputs: Inputs, recording: Recording) -> Gravity:
+def photo_gravity(photo: Path, inputs: Inputs, recording: Recording) -> rs.Gravity:
     """Return the direction of gravity in a photo; warn where it contradicts the camera's axes."""
     bottom = BOTTOMS.get(rs.Exif(inputs.picture.exif).orientation)
     return _gravity_of(photo, bottom, recording, inputs.camera, [inputs.exposure])
 
 
-def with_axes_of(gravity: Gravity, inputs: Inputs, photo: Path) -> Inputs:
+def with_axes_of(gravity: rs.Gravity, inputs: Inputs, photo: Path) -> Inputs:
     """Return the inputs with the axes that fit gravity, if there is one name for them."""
     if len(gravity.fits) != 1:
         return inputs
@@ -160,7 +157,8 @@ def read_device(recording: Recording) -> tuple[rs.GyroLog, rs.Camera]:
     overrides = {"time_offset": recording.time_offset, "readout_time": recording.readout_time}
     camera = camera_file.with_overrides(**overrides, focal_length=focal_length).warn(recording.camera)
     file = read_log(recording)
-    _warn_of_axes(file, camera, recording)
+    for problem in rs.axes_problems(file, camera, recording.gyro):
+        warn(f"{recording.camera}: {problem}")
     first, last = file.log.span
     LOG.info(f"log: {file.format}, {len(file.log)} samples at {file.log.rate:.1f} Hz, {first:.3f} to {last:.3f} s")
     return file.log, camera
@@ -179,24 +177,15 @@ def read_log(recording: Recording) -> rs.GyroFile:
 
 def _known_log(recording: Recording) -> tuple[rs.GyroFile, list[str]]:
     """Return the log with its bias, and the warnings of its reader."""
-    columns = rs.choice_for("gyro log", recording.columns)
-    reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate, columns
-    return _gyro_file(recording.gyro, file_state(recording.gyro), *reading)
+    reading = {"format": recording.gyro_format, "columns": rs.choice_for("gyro log", recording.columns)}
+    reading |= {name: getattr(recording, name) for name in ("unit", "orientation", "rate")}
+    return _gyro_file(recording.gyro, file_state(recording.gyro), **reading)
 
 
 @lru_cache(maxsize=1)
-def _gyro_file(
-    path: Path,
-    _: FileState,
-    format: str | None,
-    unit: str | None,
-    orientation: str | None,
-    rate: float | None,
-    columns: str | None,
-) -> tuple[rs.GyroFile, list[str]]:
+def _gyro_file(path: Path, _: FileState, **reading: Any) -> tuple[rs.GyroFile, list[str]]:
     with capture_warnings(show=False) as messages:
-        file = rs.open_gyro(path, format, unit=unit, orientation=orientation, rate=rate, columns=columns)
-        return file, messages
+        return rs.open_gyro(path, **reading), messages
 
 
 def accelerometer(path: Path, columns: str | None) -> rs.AccelerationLog | None:
@@ -209,90 +198,30 @@ def _acceleration(path: Path, _: FileState, columns: str | None) -> rs.Accelerat
     return rs.accelerometer(path, columns)
 
 
-def _warn_of_axes(file: rs.GyroFile, camera: rs.Camera, recording: Recording) -> None:
-    """Warn if the camera file contradicts the axes of the log, where those are known."""
-    import numpy as np
-
-    problems = []
-    if file.axes == "phone" and camera.readout_time == 0:
-        problems.append(
-            f"the readout time is 0, as of a global shutter, but {recording.gyro} is the log of a phone, whose shutter "
-            "rolls; give --readout-time"
-        )
-    given = None
-    if np.array_equal(camera.imu_to_camera, np.eye(3)):
-        given = "the identity"
-    elif file.axes == "gyroflow" and np.array_equal(camera.imu_to_camera, rs.imu_to_camera("phone-portrait")):
-        given = "that of a phone's axes"
-    if given is not None and file.axes != "sensor":
-        expected = "phone-portrait or phone-landscape" if file.axes == "phone" else "gyroflow"
-        problems.append(
-            f"imu_to_camera is {given}, but {recording.gyro} is in {file.axes} axes; it should be {expected}"
-        )
-    for problem in problems:
-        warn(f"{recording.camera}: {problem}")
-
-
-class Gravity(NamedTuple):
-    """Whether gravity points to the bottom of the picture, or elsewhere; neither where the direction is unknown.
-
-    `fits` are names of axes with which it points to the bottom, where those of the camera cannot be right.
-    """
-
-    confirms: bool = False
-    contradicts: bool = False
-    fits: tuple[str, ...] = ()
-
-
 def _gravity_of(
     picture: Path, bottom: float | None, recording: Recording, camera: rs.Camera, exposures: Sequence[rs.Exposure]
-) -> Gravity:
-    """Return where the log's accelerometer sees gravity in a picture, or on average in frames of a video.
+) -> rs.Gravity:
+    """Return where the log's accelerometer sees gravity in a picture or a clip, and warn if that contradicts the axes.
 
-    Warn where that contradicts the camera's axes.
-    `bottom` is where the bottom of the viewed picture is in the stored one, rad.
+    `bottom` is that of :func:`rsdeblur.motion.gyro.gravity_in`; None if it is unknown.
     """
     # Other axes than those of the file are the user's, and the accelerometer is read in those of the file.
     log = None if bottom is None or recording.orientation else accelerometer(recording.gyro, recording.columns)
-    # Those of 16 frames of a clip, spread over it: a camera in motion tilts and turns.
-    exposures = exposures[:: -(-len(exposures) // 16)]
     if log is None or bottom is None:
-        return Gravity()
-    angle = _turn(log, camera, exposures, bottom)
+        return rs.Gravity()
     file, _ = _known_log(recording)
-    # Cameras of phones look along their z axis, within 45 degrees, those on the back towards its negative end.
-    forward = camera.imu_to_camera[2, 2] if file.axes == "phone" else -1.0
-    if abs(forward) < 0.7:
-        doubt = f"the camera would look along an edge of the phone that logged {recording.gyro}"
-    elif forward > 0 and file.format in REAR:
-        doubt = f"the camera would look towards the user of the app that logged {recording.gyro}"
-    elif angle is None or abs(angle) < ASIDE:
-        return Gravity(confirms=angle is not None)
-    elif abs(angle) > TOP and file.format not in REAR:
-        return Gravity()
-    else:
-        side = "top" if abs(angle) > TOP else "right" if angle > 0 else "left"
-        doubt = f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {picture}"
-    fits = tuple(
-        name
-        for name in rs.PRESETS
-        if (file.axes == "sensor" or name.startswith(file.axes))
-        and (turn := _turn(log, replace(camera, imu_to_camera=rs.imu_to_camera(name)), exposures, bottom)) is not None
-        and abs(turn) < ASIDE
-    )
-    warn(
-        f"{doubt}: if the picture is viewed upright, imu_to_camera in {recording.camera} is wrong"
-        + (f" ({' or '.join(fits)} fits)" if fits else "")
-    )
-    return Gravity(contradicts=True, fits=fits)
-
-
-def _turn(log: rs.AccelerationLog, camera: rs.Camera, exposures: Sequence[rs.Exposure], bottom: float) -> float | None:
-    """Return the mean angle from the bottom of the viewed picture to gravity, from -pi to pi; None if it is unknown."""
-    angles = [angle for each in exposures if (angle := log.gravity_angle(camera, each)) is not None]
-    if not angles:
-        return None
-    return math.remainder(math.atan2(sum(map(math.sin, angles)), sum(map(math.cos, angles))) - bottom, math.tau)
+    presets = [name for name in rs.PRESETS if file.axes == "sensor" or name.startswith(file.axes)]
+    kind = {"is_phone": file.axes == "phone", "is_rear": file.format in REAR}
+    gravity = rs.gravity_in(log, camera, exposures, bottom=bottom, presets=presets, **kind)
+    if not gravity.contradicts:
+        return gravity
+    doubt = {
+        "edge": f"the camera would look along an edge of the phone that logged {recording.gyro}",
+        "user": f"the camera would look towards the user of the app that logged {recording.gyro}",
+    }.get(gravity.side, f"by the accelerometer in {recording.gyro}, gravity points to the {gravity.side} of {picture}")
+    fits = f" ({' or '.join(gravity.fits)} fits)" if gravity.fits else ""
+    warn(f"{doubt}: if the picture is viewed upright, imu_to_camera in {recording.camera} is wrong{fits}")
+    return gravity
 
 
 def read_captures(recording: Recording, duration: float | None) -> list[rs.Exposure]:

@@ -16,7 +16,6 @@ from rsdeblur._util.files import check_target
 from rsdeblur.choices import Mode
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli._inputs import (
-    Gravity,
     Inputs,
     naming,
     photo_gravity,
@@ -43,7 +42,7 @@ class Prepared:
 
     inputs: Inputs
     options: Options
-    gravity: Gravity
+    gravity: rs.Gravity
     photo: Path | None
     recording: Recording
 
@@ -55,7 +54,7 @@ class Prepared:
     def plan(self, move: rs.Progress | None = None, options: Options | None = None) -> rs.Plan:
         """Plan the deblurring, and refine the recording first if the options do."""
         picture, log, camera, exposure = self.inputs
-        known = self.options.refine and self.gravity.confirms
+        known = self.options.refine and self.gravity.side == "bottom"
         options = options or self.options
         return rs.plan_for(picture.pixels, log, camera, exposure, options, known_axes=known, progress=move)
 
@@ -82,7 +81,7 @@ def prepare(
     Without a photo, only kernels can be computed. With `max_memory`, it is mapped instead of read. `refine_anyway`
     refines where the options do although gravity contradicts the axes.
     """
-    gravity = Gravity()
+    gravity = rs.Gravity()
     if photo is None:
         picture: Any = None
         inputs = Inputs(picture, *read_recording(recording))
@@ -92,7 +91,7 @@ def prepare(
         gravity = photo_gravity(photo, inputs, recording)
         if gravity.contradicts and not refine_anyway:
             given, inputs = inputs, with_axes_of(gravity, inputs, photo)
-            gravity = gravity if inputs is given else Gravity(confirms=True)
+            gravity = gravity if inputs is given else rs.Gravity("bottom")
         inputs = inputs if is_timed else with_offset(inputs, photo)
         options = replace(options, transfer=transfer_of(inputs.picture, options.transfer))
     # With wrong axes, a correction may make the motion more like the right one, but never right.

@@ -13,6 +13,8 @@ from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rsdeblur._util import validate
 from rsdeblur.errors import InputError
 from rsdeblur.io import gyro_binary, gyro_tables, gyroflow
@@ -20,7 +22,9 @@ from rsdeblur.io.gyro_tables import FACTS
 from rsdeblur.io.samples import ACCELEROMETER, GYRO, AnySensor, GyroFile, Samples, finish
 from rsdeblur.io.source import Format, Source, choose, members_of
 from rsdeblur.io.text import cells_of, is_number, line_error
+from rsdeblur.motion.axes import imu_to_camera
 from rsdeblur.motion.axes import orientation as orientation_matrix
+from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.gyro import AccelerationLog, GyroLog
 
 FAMILIES = (gyro_binary.formats, gyroflow.formats, gyro_tables.formats)
@@ -247,3 +251,22 @@ def _with_pauses(samples: Samples, pauses: list[tuple[float, float]]) -> Samples
         ns[samples.ns >= round(at * 1e9)] += round(length * 1e9)
         cautions.append(f"the recording was paused at {at:.6g} s for {length:.3f} s; the log has a gap there")
     return replace(samples, ns=ns, cautions=cautions)
+
+
+def axes_problems(file: GyroFile, camera: Camera, path: Path) -> list[str]:
+    """Return what in a camera contradicts the axes of a log and the shutter of its device, where those are known."""
+    problems = []
+    if file.axes == "phone" and camera.readout_time == 0:
+        problems.append(
+            f"the readout time is 0, as of a global shutter, but {path} is the log of a phone, whose shutter rolls; "
+            "give --readout-time"
+        )
+    given = None
+    if np.array_equal(camera.imu_to_camera, np.eye(3)):
+        given = "the identity"
+    elif file.axes == "gyroflow" and np.array_equal(camera.imu_to_camera, imu_to_camera("phone-portrait")):
+        given = "that of a phone's axes"
+    if given is not None and file.axes != "sensor":
+        expected = "phone-portrait or phone-landscape" if file.axes == "phone" else "gyroflow"
+        problems.append(f"imu_to_camera is {given}, but {path} is in {file.axes} axes; it should be {expected}")
+    return problems

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from dataclasses import dataclass
-from typing import ClassVar, Self
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +14,7 @@ from numpy.typing import ArrayLike
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import ClockError, CoverageError, GapError, InputError, RsdeblurWarning
+from rsdeblur.motion.axes import PRESETS, imu_to_camera
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.units import SLOWEST
@@ -36,6 +39,10 @@ AROUND = 0.25
 # Least share of gravity in the plane of the picture that tells where its bottom is: the camera looks at most 60 degrees
 # up or down.
 LEAST_IN_PLANE = 0.5
+# Angle (rad) from which gravity does not point to the bottom of a picture, and that from which it points to its top.
+ASIDE, TOP = math.radians(50), math.radians(130)
+# Pictures of a clip, spread over it, that show gravity on average: a camera in motion tilts and turns.
+AVERAGED = 16
 
 
 class SensorLog:
@@ -396,3 +403,61 @@ class AccelerationLog(SensorLog):
         right, down, _ = gravity = -camera.imu_to_camera @ self.force[near].mean(axis=0)
         in_plane = np.hypot(right, down)
         return float(np.arctan2(right, down)) if in_plane > LEAST_IN_PLANE * np.linalg.norm(gravity) else None
+
+
+class Gravity(NamedTuple):
+    """Where gravity points in pictures that are viewed upright.
+
+    `side` is "bottom" where it confirms the camera's axes, and empty where nothing is known. If the axes cannot be
+    right, it is "top", "left" or "right", or "edge" or "user" where a phone's camera would look along an edge of the
+    phone or towards its user. `fits` are then the names of axes with which gravity points to the bottom.
+    """
+
+    side: str = ""
+    fits: tuple[str, ...] = ()
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the axes cannot be right."""
+        return self.side not in ("", "bottom")
+
+
+def gravity_in(
+    log: AccelerationLog,
+    camera: Camera,
+    exposures: Sequence[Exposure],
+    *,
+    bottom: float,
+    presets: Collection[str],
+    is_phone: bool,
+    is_rear: bool,
+) -> Gravity:
+    """Return where gravity points in a picture, or on average in the frames of a clip.
+
+    `bottom` is where the bottom of the viewed picture is in the stored one, rad. `presets` are the axes that the log
+    may have, `is_phone` says whether it has those of a phone, and `is_rear` whether its app takes the rear camera and
+    shows the same sign on all devices: raw values of iOS have the opposite one, like a picture upside down.
+    """
+    exposures = exposures[:: -(-len(exposures) // AVERAGED)]
+
+    def turn(camera: Camera) -> float | None:
+        """Return the mean angle from the bottom of the viewed picture, from -pi to pi; None if it is unknown."""
+        angles = [angle for each in exposures if (angle := log.gravity_angle(camera, each)) is not None]
+        mean = math.atan2(sum(map(math.sin, angles)), sum(map(math.cos, angles)))
+        return math.remainder(mean - bottom, math.tau) if angles else None
+
+    angle = turn(camera)
+    # Cameras of phones look along their z axis, within 45 degrees, those on the back towards its negative end.
+    forward = camera.imu_to_camera[2, 2] if is_phone else -1.0
+    if abs(forward) < 0.7:
+        side = "edge"
+    elif forward > 0 and is_rear:
+        side = "user"
+    elif angle is None or (abs(angle) > TOP and not is_rear):
+        return Gravity()
+    elif abs(angle) < ASIDE:
+        return Gravity("bottom")
+    else:
+        side = "top" if abs(angle) > TOP else "right" if angle > 0 else "left"
+    turns = {name: turn(replace(camera, imu_to_camera=imu_to_camera(name))) for name in PRESETS if name in presets}
+    return Gravity(side, tuple(name for name, angle in turns.items() if angle is not None and abs(angle) < ASIDE))
