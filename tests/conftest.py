@@ -78,6 +78,14 @@ def _place(path: Path) -> int:
     return next((n for n, name in enumerate(FIRST) if parts.is_relative_to(name)), len(FIRST))
 
 
+def pytest_configure() -> None:
+    """Give each of several processes a processor: else the threads of all would get into each other's way."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER")
+    if worker is not None and hasattr(os, "sched_setaffinity"):
+        processors = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {processors[int(worker.removeprefix("gw")) % len(processors)]})
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--except-passed", metavar="JUNIT.xml", help="leave out what passed in the run of this report")
 

@@ -94,6 +94,7 @@ from rsdeblur.report import psf_map as psf_map
 from rsdeblur.report import side_by_side as side_by_side
 from rsdeblur.report.drawings import bank_data as bank_data
 from rsdeblur.report.drawings import picture_uris as picture_uris
+from rsdeblur.report.drawings import timeline_svg as timeline_svg
 from rsdeblur.report.facts import accelerometer as accelerometer
 from rsdeblur.report.facts import calibration_facts as calibration_facts
 from rsdeblur.report.facts import camera_facts as camera_facts
@@ -111,7 +112,6 @@ from rsdeblur.report.page import Page as Page
 from rsdeblur.report.page import mode_table as mode_table
 from rsdeblur.report.page import write_batch_page as write_batch_page
 from rsdeblur.report.page import write_page as write_page
-from rsdeblur.report.timeline import timeline_svg as timeline_svg
 from rsdeblur.simulation.scene import scene as scene
 from rsdeblur.simulation.shake import hand_shake as hand_shake
 from rsdeblur.simulation.simulate import simulate as simulate

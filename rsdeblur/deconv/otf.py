@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.deconv.fft import LineTransform, RowTransform, fast_length
-from rsdeblur.kernels.otf import columns_around_origin, lowest_frequencies, rows_around_origin
 from rsdeblur.kernels.raster import OVERSAMPLING, WIDTH, spread, window_spectrum
+from rsdeblur.kernels.spectral import columns_around_origin, lowest_frequencies, rows_around_origin
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, Float32Array
 

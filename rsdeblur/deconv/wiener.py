@@ -25,7 +25,7 @@ from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.tiling import BAND_EXCESS, Tiling
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import spectral
-from rsdeblur.kernels.otf import invert, put_columns
+from rsdeblur.kernels.spectral import invert, put_columns
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, FloatImage
 
@@ -48,7 +48,7 @@ def decay_margin(nsr: float) -> float:
 
 # Called as ``change(strip, ...)`` with the arguments of :class:`rsdeblur.deconv.hybrid.Filter` after the strip.
 StripFilter = Callable[[int, int, int, slice, ComplexArray], None]
-# Called as ``put(columns, block, band, out)``, see :func:`rsdeblur.kernels.otf.put_columns`.
+# Called as ``put(columns, block, band, out)``, see :func:`rsdeblur.kernels.spectral.put_columns`.
 PutColumns = Callable[[ComplexArray, int, int, ComplexArray], None]
 
 

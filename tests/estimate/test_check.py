@@ -37,7 +37,7 @@ def restored(pictures):
     def restore(*, right, fallback=False):
         moved = log if right else wrong(log)
         blurred = pictures.blurred.clip(0, 1)
-        return deblur(blurred, moved, camera, exposure, prior="tv", chroma="full", fallback=fallback)
+        return deblur(blurred, moved, camera, exposure, prior="tv", fallback=fallback)
 
     return restore
 
@@ -59,7 +59,7 @@ def test_the_right_motion_is_good_and_a_wrong_one_bad(restored):
 
 @pytest.mark.parametrize("weight", [1.0, 1e20])
 def test_fog_is_not_good(capture, weight):
-    check = deblur(*capture, weight=weight, chroma="full").check
+    check = deblur(*capture, weight=weight).check
     assert check.verdict == "doubtful"
     # Measured: 0.05 and 0.00; the right weight has 5.0.
     assert check.detail < 0.5
@@ -145,7 +145,7 @@ def test_fallback_blends_only_where_it_is_bad(capture, restored):
     good, kept = (restored(right=True, fallback=fallback) for fallback in (False, True))
     np.testing.assert_array_equal(kept.image, good.image)
     levels = np.empty(light.shape, np.uint16)
-    deblur(light, wrong(log), camera, exposure, prior="tv", chroma="full", fallback=True, out=levels)
+    deblur(light, wrong(log), camera, exposure, prior="tv", fallback=True, out=levels)
     # Clipped after the blend, and rounded.
     np.testing.assert_allclose(levels, 65535 * blended.image.clip(0, 1), atol=0.51)
     with pytest.raises(InputError, match="fallback"):

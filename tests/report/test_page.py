@@ -11,10 +11,9 @@ import pytest
 import rsdeblur
 from rsdeblur import Camera, Exposure, GyroLog, OutputError, PsfBank, triage
 from rsdeblur.report import drawings, psf_map, side_by_side
-from rsdeblur.report.drawings import LONG_SIDE, TITLE
+from rsdeblur.report.drawings import LONG_SIDE, TITLE, timeline_svg
 from rsdeblur.report.facts import findings, motion_data
 from rsdeblur.report.page import render, write_page
-from rsdeblur.report.timeline import timeline_svg
 
 # Every way out of an element, an attribute, a comment, JSON and a template.
 HOSTILE = (
