@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.choices import Mode
-from rsdeblur.image.encoded import reduced
-from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.encoded import ReadoutFrame, reduced
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog

@@ -18,8 +18,7 @@ from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.refine import REFINED_FRAMES, Refinement, refine
-from rsdeblur.image.encoded import EncodedImage, check_size, result_like
-from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.encoded import EncodedImage, ReadoutFrame, check_size, result_like
 from rsdeblur.motion.alignment import burst_captures
 from rsdeblur.motion.arguments import check_recording, exposure_list
 from rsdeblur.motion.camera import Camera

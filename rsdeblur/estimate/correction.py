@@ -9,7 +9,7 @@ import numpy as np
 
 from rsdeblur._util import validate
 from rsdeblur.errors import InputError
-from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.encoded import ReadoutFrame
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog

@@ -22,8 +22,7 @@ from rsdeblur.kernels.raster import rasterize
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
-from rsdeblur.tuning.noise import noise_level
-from rsdeblur.tuning.periodograms import DIRECTIONS, TILE, TilePeriodograms
+from rsdeblur.tuning.noise import DIRECTIONS, TILE, TilePeriodograms, noise_level
 from rsdeblur.types import FloatArray
 
 # Largest lead that a tile counts for, nats. The edge of a door, say, looks like a straight blur beyond doubt.

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from rsdeblur._util.threads import share_map
 from rsdeblur.errors import ClockError, CoverageError, GapError, InputError
 from rsdeblur.estimate.correction import PARAMETERS, SHARED, Correction, Recording
-from rsdeblur.image.frame import upright
+from rsdeblur.image.encoded import upright
 from rsdeblur.kernels import whittle
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
-from rsdeblur.tuning.periodograms import STIFFNESS, TILE, TilePeriodograms
+from rsdeblur.tuning.noise import STIFFNESS, TILE, TilePeriodograms
 from rsdeblur.types import FloatArray
 
 # Softness of photos that no motion explains, from lens, demosaicing and denoising: standard deviation, px of the

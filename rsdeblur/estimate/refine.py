@@ -23,14 +23,13 @@ from rsdeblur.estimate.correction import Correction, Recording, Uncertainty, unc
 from rsdeblur.estimate.regions import LEAST_GAIN, DriftByRegion
 from rsdeblur.estimate.score import Corrected, Score
 from rsdeblur.estimate.search import AHEAD_OF_AXES, OTHER_AXES, Search, rival_lead
-from rsdeblur.image.encoded import EncodedImage, check_size, reduced
-from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.encoded import EncodedImage, ReadoutFrame, check_size, reduced
 from rsdeblur.motion.arguments import check_reach, check_recording, exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.translation import Translation
-from rsdeblur.tuning.periodograms import TILE
+from rsdeblur.tuning.noise import TILE
 from rsdeblur.types import FloatArray, Progress
 
 # Longer side to which larger pictures are reduced first, px: the smoothing that smaller sizes need would take long.

@@ -22,7 +22,7 @@ from rsdeblur.estimate.score import EVIDENCE, PROOFS, Corrected, Score
 from rsdeblur.estimate.search import ADJUSTMENTS, MOST_DEVIATIONS, adjusted
 from rsdeblur.estimate.sharpness import NATS_PER_FALL
 from rsdeblur.estimate.streaks import lead_of
-from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.encoded import ReadoutFrame
 from rsdeblur.motion.arguments import is_held
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray

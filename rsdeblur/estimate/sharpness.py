@@ -26,11 +26,11 @@ from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, DerivativePrior, brigh
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import LONGEST_BLUR, UNDESCRIBED, softness
-from rsdeblur.image.frame import upright
+from rsdeblur.image.encoded import upright
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres
-from rsdeblur.tuning.periodograms import TILE, wrapped
+from rsdeblur.tuning.noise import TILE, wrapped
 from rsdeblur.tuning.strength import PATH_ERROR, Tuning
 from rsdeblur.types import ComplexArray, FloatArray, FloatImage
 

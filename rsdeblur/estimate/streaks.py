@@ -17,7 +17,7 @@ from scipy import fft, ndimage
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import LONGEST_BLUR, SOFTNESS, UNDESCRIBED
 from rsdeblur.estimate.sharpness import TILES
-from rsdeblur.image.frame import upright
+from rsdeblur.image.encoded import upright
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.tuning.noise import noise_level

@@ -17,8 +17,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.estimate.check import QualityCheck, doubted_by
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.refine import Refinement, refine
-from rsdeblur.image.encoded import EncodedImage, check_size, displayed, result_like
-from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.encoded import EncodedImage, ReadoutFrame, check_size, displayed, result_like
 from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.image.mending import UndershootMeter
 from rsdeblur.motion.arguments import check_recording

@@ -15,8 +15,7 @@ from rsdeblur.choices import KEEP, VERDICTS, Chroma, Transfer
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck
 from rsdeblur.estimate.refine import REFINED_FRAMES, Refinement, refine
-from rsdeblur.image.encoded import check_size
-from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.encoded import ReadoutFrame, check_size
 from rsdeblur.motion.arguments import check_reach, exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure

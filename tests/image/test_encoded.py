@@ -13,8 +13,7 @@ from skimage.transform import resize
 from skimage.util import img_as_float, img_as_ubyte
 
 from rsdeblur import Camera, Exposure, RsdeblurWarning, from_linear, hand_shake, scene, simulate, to_linear
-from rsdeblur.image.encoded import EncodedImage, reduced
-from rsdeblur.image.frame import upright
+from rsdeblur.image.encoded import EncodedImage, reduced, upright
 from rsdeblur.image.transfer import normalized
 
 CAMERA = Camera(120, 90, 200.0, readout_time=0.02)
