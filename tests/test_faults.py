@@ -190,6 +190,13 @@ class TestPlaces:
         assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode
 
 
+def failing(number: int) -> Callable[..., None]:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    return fail
+
+
 class TestNumbaCache:
     """Numba alone raises at every later call what unpickling a damaged file raises, and fails where a disk is full."""
 
@@ -223,12 +230,9 @@ class TestNumbaCache:
         assert sum(hit.stats.cache_hits.values()) == 1
 
     def test_full(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        def fail(*_: Any) -> None:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
         (tmp_path / "kernel.py").write_text(self.SOURCE)
         module = self.kernel(tmp_path, 0)
-        monkeypatch.setattr(os, "replace", fail)
+        monkeypatch.setattr(os, "replace", failing(errno.ENOSPC))
         assert module.double(2) == 4
 
 
@@ -298,13 +302,6 @@ def test_a_mapped_picture_has_its_space_before_it_is_filled(tmp_path: Path, suff
         (file,) = tmp_path.iterdir()
         # POSIX counts blocks of 512 bytes; a part of a block is a whole one.
         assert 512 * file.stat().st_blocks >= pixels.size
-
-
-def failing(number: int) -> Callable[..., None]:
-    def fail(*_: object, **__: object) -> None:
-        raise OSError(number, os.strerror(number))
-
-    return fail
 
 
 @pytest.mark.parametrize("number", [errno.EPERM, errno.EINVAL])

@@ -103,19 +103,6 @@ def test_half_a_turn_is_found_though_spectra_are_the_same():
     assert part.half_turn == 0.0
 
 
-def test_readout_direction_changes_nothing(capture):
-    blurred, log, camera, exposure = capture
-    turned = np.rot90(blurred)
-    aside = Camera(256, 320, 350.0, readout_time=0.02, readout_direction="left-right")
-    # The picture turned counter-clockwise with its camera: x becomes -y, y becomes x.
-    moved = replace(log, omega=log.omega[:, [1, 0, 2]] * (1.0, -1.0, 1.0))
-    check = deblur(turned, moved, aside, exposure, prior="wiener").check
-    straight = deblur(blurred, log, camera, exposure, prior="wiener").check
-    assert check.verdict == straight.verdict
-    # The same tiles, turned; their paths agree to float32.
-    assert check.lead == pytest.approx(straight.lead, rel=0.02)
-
-
 def test_a_reason_is_given_where_nothing_can_be_judged(capture):
     blurred, log, camera, exposure = capture
     still = deblur(blurred, replace(log, omega=0 * log.omega), camera, exposure, prior="wiener").check

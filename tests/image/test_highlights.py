@@ -83,16 +83,6 @@ def test_a_bright_wall_is_no_highlight(log: GyroLog) -> None:
     np.testing.assert_array_equal(a.image, b.image)
 
 
-def test_readout_along_x_is_the_same_turned(night: Simulation, log: GyroLog) -> None:
-    """A picture whose readout runs along x gets its highlights back in their places."""
-    camera = Camera(160, 128, 180.0, readout_time=0.03, readout_direction="left-right")
-    seen = simulate(np.pad(night.rolling, ((20, 20), (20, 20), (0, 0)), mode="reflect"), log, camera, EXPOSURE)
-    careful = deblur(seen.blurred.clip(0, 1), log, camera, EXPOSURE, saturation="always", prior="wiener").image
-    places = [np.unravel_index(picture.max(axis=-1).argmax(), picture.shape[:2]) for picture in (careful, seen.rolling)]
-    # The brightest lamp is a disc of 1 px.
-    assert np.abs(np.subtract(*places)).max() <= 2
-
-
 def test_spots_are_at_full_scale_with_what_touches_it() -> None:
     values = np.zeros((6, 6, 1), dtype=np.uint8)
     values[1, 1:4, 0] = 255, 251, 249

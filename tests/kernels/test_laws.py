@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from rsdeblur.kernels import chroma, frame
-from rsdeblur.kernels.frame import HALO, LEVELS, WORK
+from rsdeblur.kernels import chroma
 from rsdeblur.kernels.noise import halved_gradient_energy
 from rsdeblur.kernels.raster import interpolated, rasterize
 from rsdeblur.kernels.shrink import CHUNK, extrapolate
@@ -63,34 +62,6 @@ def test_a_step_ahead_of_a_straight_line_stays_on_it(width):
     # Rounding of float32, in sums over a chunk.
     np.testing.assert_allclose(first, 1 + 1.5 * step, rtol=1e-6)
     np.testing.assert_allclose(sums, [np.square(step).sum(dtype=float), np.square(second).sum(dtype=float)], rtol=1e-5)
-
-
-COUNT = 3
-SHAPE = 45, 58
-
-
-def combined(planes, variances, means, factors):
-    out = np.empty([n - 2 * HALO for n in planes.shape[1:]], np.float32)
-    work = np.zeros((WORK + len(planes), *planes.shape[1:]), np.float32)
-    frame.combine(planes.copy(), variances, means, np.repeat(factors, 2, axis=-1)[..., ::2], work, out)
-    return out
-
-
-@pytest.fixture
-def arguments():
-    rng = np.random.default_rng(0)
-    shapes = (COUNT, *SHAPE), (COUNT, LEVELS, 3), (COUNT,), (COUNT, LEVELS, 3, 3)
-    planes, variances, means, factors = (rng.normal(size=shape).astype(np.float32) for shape in shapes)
-    return planes, np.abs(variances), means, factors
-
-
-def test_without_gates_the_pictures_come_back(arguments):
-    planes, variances, _, factors = arguments
-    weights = np.array([2.0, -1.0, 0.5], np.float32)
-    plain = np.zeros_like(factors)
-    plain[..., 0] = weights[:, None, None]
-    expected = np.tensordot(weights, planes, 1)[HALO:-HALO, HALO:-HALO]
-    np.testing.assert_allclose(combined(planes, variances, weights, plain), expected, atol=1e-5)
 
 
 @pytest.fixture(params=[(8, 8), (6, 4), (64, 64)], ids=str)

@@ -100,15 +100,6 @@ def test_rowwise_reports_its_rows(capture: Simulation, log: GyroLog) -> None:
     assert result.coverage.all()
 
 
-def test_global_is_enough_for_a_global_shutter(log: GyroLog) -> None:
-    """Without readout one PSF holds for the whole picture, up to roll and perspective."""
-    camera = Camera(192, 160, 210.0)
-    capture = simulate(scene(220, 250), log, camera, EXPOSURE, noise=0.001)
-    result = deblur(capture.blurred, log, camera, EXPOSURE, mode="global")
-    # Measured 17.2 and 20.3 dB; this motion rolls, which one PSF cannot follow.
-    assert psnr(capture.rolling, result.image) > psnr(capture.rolling, capture.blurred) + 1.5
-
-
 def test_one_band_equals_global(capture: Simulation, log: GyroLog) -> None:
     one = deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="banded", bands=1, strips=1)
     whole = deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="global", bands=7, strips=3)
@@ -288,13 +279,6 @@ def test_no_seam_between_bands(log: GyroLog, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(tiling, "hat_weights", nearest)
     # Measured 4.8 times.
     assert seam(deblur(capture.blurred, log, CAMERA, EXPOSURE, bands=8).image, 8) > 2 * own
-
-
-def test_degrees_are_suspected_and_blur_beyond_the_picture_refused(log: GyroLog, capture: Simulation) -> None:
-    with pytest.warns(RsdeblurWarning, match="degrees"):
-        degrees = GyroLog(log.t, np.rad2deg(log.omega))
-    with pytest.raises(InputError, match="rates in rad/s"):
-        deblur(capture.blurred, degrees, CAMERA, EXPOSURE)
 
 
 # A curved stroke, not symmetric in any way.
