@@ -169,6 +169,7 @@ class Desk:
             # The search took seconds; from now on, the moment that it found is given.
             start = exposure.epoch_ns + round(1e9 * exposure.start)
             moment = {"start": "", "start_ns": str(start), "time_offset": f"{camera.time_offset:.6f}"}
+            moment |= {"readout_time": f"{camera.readout_time:.6f}"} if camera.readout_sd else {}
         self._remember(path_of(form, "camera"))
         return {
             "name": photo.name,

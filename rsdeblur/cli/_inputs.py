@@ -79,9 +79,13 @@ def with_offset(inputs: Inputs, photo: Path) -> Inputs:
         found = rs.find_time_offset(
             picture.pixels, log, camera, exposure, search=rs.EXIF_ERROR, transfer=picture.transfer, progress=move
         )
-    offset = checked_offset(found, [photo])
-    LOG.info(f"{photo}: time offset {1e3 * offset:.1f} ms (+- {1e3 * found.sd:.1f})")
-    return inputs._replace(camera=replace(camera, time_offset=offset))
+    checked_offset(found, [photo])
+    camera = found.camera
+    LOG.info(
+        f"{photo}: time offset {1e3 * camera.time_offset:.1f} ms (+- {1e3 * found.sd:.1f}), "
+        f"readout {1e3 * camera.readout_time:.1f} ms"
+    )
+    return inputs._replace(camera=camera)
 
 
 def checked_offset(found: rs.OffsetSearch, photos: Sequence[Path]) -> float:

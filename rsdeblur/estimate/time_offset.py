@@ -7,7 +7,8 @@ corrections free (:mod:`rsdeblur.estimate.search`), and the one with the highest
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import NamedTuple
 
@@ -46,6 +47,8 @@ from rsdeblur.types import FloatArray, Progress
 STEP = 4e-3
 # What is corrected together with the offset.
 MODELS = ("offset",), ("offset", "scale"), ("offset", *DRIFT), ("offset", "scale", *DRIFT, *ACCELERATION)
+# What is found together where the readout time is a guess.
+MOMENT = "offset", "readout"
 # Longest search, and the largest standard deviation of an answer, s.
 MOST_SEARCH, MOST_DEVIATION = 120.0, 2.5e-3
 # Nats by which an answer must lead any other one.
@@ -75,6 +78,9 @@ class OffsetSearch:
         Candidates of the search, s, increasing.
     scores : ndarray, shape (n,)
         Negative log-likelihood of each by the spectra, in nats above the best.
+    camera : Camera
+        The camera with the likeliest offset. If its readout time is a guess (`readout_sd`), with the likeliest readout
+        time, too, and the offset that goes with it.
     """
 
     time_offset: float | None
@@ -84,6 +90,7 @@ class OffsetSearch:
     reason: str
     offsets: FloatArray
     scores: FloatArray
+    camera: Camera
 
 
 def find_time_offset(
@@ -212,8 +219,34 @@ class _Clock:
         # What is not sure may still be sure of other axes.
         if reason != AT_END and rivals > (LEAST_LEAD if reason else -AHEAD_OF_AXES):
             reason = OTHER_AXES
-        offset = best.offset
-        return OffsetSearch(None if reason else offset, offset, sd, lead, reason, given + self._shifts, costs)
+        offset, camera = best.offset, self._camera(best)
+        return OffsetSearch(None if reason else offset, offset, sd, lead, reason, given + self._shifts, costs, camera)
+
+    def _camera(self, best: _Answer) -> Camera:
+        """Return the camera with the offset of an answer, and with the likeliest readout time where that is a guess.
+
+        The spectra alone find both: neither is known, so neither needs the proof of a correction.
+        """
+        camera, posterior = replace(self._given[0].camera, time_offset=best.offset), best.score.posterior
+        if not camera.readout_sd:
+            return camera
+        offset, readout = map(PARAMETERS.index, MOMENT)
+        units, places = best.score.deviations, [best.place]
+        for share in (-0.5, 0.0, 0.5):
+            place = best.place.copy()
+            place[:, readout] += share
+            # The middle row stays where the offset has it.
+            later = camera.readout_time * np.expm1(share * units[readout]) / 2
+            place[:, offset] += later / units[offset]
+            with suppress(*UNDESCRIBED):
+                places.append(posterior.descend(place, MOMENT))
+        nats = posterior.nats(best.place)
+        assert nats is not None, "the log describes the answer"
+        place = max(places, key=lambda place: posterior.lead(place, nats))
+        found = posterior.recordings(place)[0].camera
+        sd = float(posterior.spread(place)[0, readout] * units[readout]) * found.readout_time
+        sd = min(sd, camera.readout_sd)
+        return replace(camera, time_offset=found.time_offset, readout_time=found.readout_time, readout_sd=sd)
 
     def _doubt(self, best: _Answer, lead: float, sd: float) -> str:
         """Return why an offset is not credible, whatever the axes are; empty if it is."""

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +20,10 @@ from PIL import Image
 from rsdeblur._util import workers
 from rsdeblur.cli import main
 from rsdeblur.cli._output import COMPILING, SCHEMA, records
+from rsdeblur.estimate.time_offset import OffsetSearch
 from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
 
 WIDTH, HEIGHT = 96, 72
 START, DURATION = 0.2, 0.04
@@ -121,6 +125,16 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
             yield task, workers.attempt(work, task)
 
     monkeypatch.setattr(workers, "run", run)
+
+
+def found_offset(late: float) -> Callable[..., OffsetSearch]:
+    """Return a stand-in for the search of an offset, which has its own tests."""
+
+    def find(_: object, log: GyroLog, camera: Camera, exposure: Exposure, **__: object) -> OffsetSearch:
+        found = replace(camera, time_offset=late)
+        return OffsetSearch(late, late, 0.001, 40.0, "", np.zeros(1), np.zeros(1), found)
+
+    return find
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from rsdeblur.app import Crop, LocalServer, app_page, derive_basis, solve_crop
 from rsdeblur.cli._desk import Desk
 from rsdeblur.cli._options import MANY
 from rsdeblur.errors import InputError, OutputError, RsdeblurError
-from rsdeblur.estimate.time_offset import OffsetSearch
+from tests.cli.conftest import found_offset
 
 
 @pytest.fixture
@@ -147,11 +147,10 @@ def test_a_photo_and_its_log_suffice(desk, files, form, run, monkeypatch, tmp_pa
     photo = tmp_path / "IMG_1.jpg"
     Image.open(files.photo).save(photo, exif=exif, quality=98)
     searches = []
-    found = OffsetSearch(late, late, 0.001, 40.0, "", np.zeros(1), np.zeros(1))
 
-    def search(*_, **__):
+    def search(*recording, **options):
         searches.append(1)
-        return found
+        return found_offset(late)(*recording, **options)
 
     monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", search)
     form = form | {"photo": str(photo), "camera": "", "start": "", "duration": "", "output": str(tmp_path / "a.jpg")}

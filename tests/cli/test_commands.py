@@ -17,9 +17,10 @@ from PIL import Image
 
 from rsdeblur import RsdeblurWarning, deconvolve
 from rsdeblur.estimate.time_offset import OffsetSearch
-from rsdeblur.io import open_gyro, read_camera, read_picture
+from rsdeblur.io import read_camera, read_picture
 from rsdeblur.io.pictures import read_psfs
 from rsdeblur.psf import PsfBank
+from tests.cli.conftest import found_offset
 
 if TYPE_CHECKING:
     from conftest import Files
@@ -197,17 +198,6 @@ def test_demo_runs_and_its_command_works(run: Run, tmp_path: Path, monkeypatch: 
     assert bits(out / "again.png") == bits(out / "banded.png")
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "format"),
-    [("stock-camera", "Gyroscope.csv", "sensorlogger"), ("recording", "gyro_accel.csv", "mars")],
-)
-def test_the_demo_writes_the_logs_of_the_apps(run: Run, tmp_path: Path, kind: str, name: str, format: str) -> None:
-    assert run("demo", f"--{kind}", "--size", "64x64", "-o", tmp_path).exit_code == 0
-    file = open_gyro(tmp_path / name)
-    assert (file.format, file.axes) == (format, "phone")
-    assert np.abs(file.log.omega).max() > 0.01
-
-
 @pytest.mark.parametrize("arguments", [["--size", "63x64"], ["--size", "100000x1000"], ["--size", "81x80", "--video"]])
 def test_the_demo_refuses_sizes_before_it_writes(run: Run, tmp_path: Path, arguments: list[str]) -> None:
     assert run("demo", *arguments, "-o", tmp_path / "demo").exit_code in (1, 2)
@@ -229,8 +219,8 @@ def test_own_kernels(run: Run, files: Files, tmp_path: Path) -> None:
 
 
 def test_sync_refuses_to_guess(run, files, monkeypatch):
-    def unsure(*_, search=(-0.06, 0.06), **__):
-        return OffsetSearch(None, 0.005, 0.001, 0.0, "the scene is without detail", np.zeros(1), np.zeros(1))
+    def unsure(_, log, camera, exposure, *, search=(-0.06, 0.06), **__):
+        return OffsetSearch(None, 0.005, 0.001, 0.0, "the scene is without detail", np.zeros(1), np.zeros(1), camera)
 
     monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", unsure)
     before = files.camera.read_text()
@@ -297,8 +287,7 @@ def test_times_from_exif(run: Run, files: Files, tmp_path: Path, monkeypatch: py
     photo = tmp_path / "IMG_1.jpg"
     Image.open(files.photo).save(photo, exif=exif, quality=98)
     # A picture of noise determines no offset; the search itself has its own tests.
-    found = OffsetSearch(late, late, 0.001, 40.0, "", np.zeros(1), np.zeros(1))
-    monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", lambda *_, **__: found)
+    monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", found_offset(late))
     base = ["deblur", photo, "--gyro", log, "--camera", files.camera, "--quality", "fast"]
     without = run("deblur", files.photo, *base[2:], "--start", "exif", "--duration", "1/25", "-o", tmp_path / "a.png")
     assert without.exit_code == 1
@@ -341,8 +330,7 @@ def test_an_archive_of_photos_named_by_unix_time_is_a_session(run, here, files, 
         archive.writestr("Gyroscope.csv", "\n".join(["time,x,y,z", *rows]) + "\n")
         archive.write(files.photo, f"Camera/{name}")
     # A picture of noise determines no offset; the search itself has its own tests.
-    found = OffsetSearch(0.0, 0.0, 0.001, 40.0, "", np.zeros(1), np.zeros(1))
-    monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", lambda *_, **__: found)
+    monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", found_offset(0.0))
     call = ["batch", tmp_path / "walk.zip", "--camera", files.camera, "--duration", DURATION, "--quality", "fast"]
     assert "unpack the archive" in run(*call, "--dry-run").stderr
     (item,) = json.loads(run(*call, "--jobs", 1, "--json").stdout)["items"]

@@ -30,12 +30,16 @@ def test_the_right_offset_is_found():
     assert found.offsets[0] == pytest.approx(0.01 + SEARCH[0], abs=4e-3)
 
 
-def test_several_photos_share_an_offset():
+def test_several_photos_share_an_offset_and_a_readout_time_that_is_a_guess():
     exposures = [EXPOSURE, Exposure(0.3, 1 / 25)]
     pictures = [photo(GENTLE, each) for each in exposures]
-    found = find_time_offset(pictures, GENTLE, CAMERA, exposures, search=(-0.01, 0.01))
+    guess = replace(CAMERA, readout_time=0.02, readout_sd=0.01)
+    found = find_time_offset(pictures, GENTLE, guess, exposures, search=(-0.01, 0.01))
     # As for one picture: the requirement is 2 ms.
-    assert found.best == pytest.approx(0.0, abs=2e-3)
+    assert found.camera.time_offset == pytest.approx(0.0, abs=2e-3)
+    # The guess is 10 ms off, with which the offset alone is; measured 24 ms.
+    assert abs(found.camera.readout_time - CAMERA.readout_time) < 8e-3
+    assert abs(found.camera.time_offset) < abs(found.best)
 
 
 def test_constant_rates_give_no_answer():
