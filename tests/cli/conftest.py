@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,8 +23,6 @@ from rsdeblur.cli import main
 from rsdeblur.cli._output import COMPILING, SCHEMA, records
 from rsdeblur.estimate.time_offset import OffsetSearch
 from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog
 
 WIDTH, HEIGHT = 96, 72
 START, DURATION = 0.2, 0.04
@@ -130,11 +129,8 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
 def found_offset(late: float) -> Callable[..., OffsetSearch]:
     """Return a stand-in for the search of an offset, which has its own tests."""
 
-    def find(_: object, log: GyroLog, camera: Camera, exposure: Exposure, **__: object) -> OffsetSearch:
-        found = replace(camera, time_offset=late)
-        return OffsetSearch(late, late, 0.001, 40.0, "", np.zeros(1), np.zeros(1), found)
-
-    return find
+    found = partial(OffsetSearch, late, late, 0.001, 40.0, "", np.zeros(1), np.zeros(1))
+    return lambda image, log, camera, exposure, **_: found(replace(camera, time_offset=late))
 
 
 @contextmanager
