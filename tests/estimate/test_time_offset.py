@@ -33,7 +33,7 @@ def test_the_right_offset_is_found():
 def test_several_photos_share_an_offset():
     exposures = [EXPOSURE, Exposure(0.3, 1 / 25)]
     pictures = [photo(GENTLE, each) for each in exposures]
-    found = find_time_offset(pictures, GENTLE, CAMERA, exposures, search=(-0.01, 0.01))
+    found = find_time_offset(pictures, GENTLE, CAMERA, exposures, search=(-0.008, 0.008))
     # As for one picture: the requirement is 2 ms.
     assert found.best == pytest.approx(0.0, abs=2e-3)
 
