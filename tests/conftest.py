@@ -48,11 +48,11 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from tests.installed import needs  # noqa: E402 (found by the path above)
 
-# The first process compiles every kernel while the second one tests what needs none; then come the longest files, so
+# The first process compiles every kernel while the second one tests what needs few; then come the longest files, so
 # that all processes end together.
 FIRST = (
-    *("kernels/test_twins.py", "test_faults.py", "io", "test_hostile_input.py", "test_build.py"),
-    *("test_docs.py", "estimate", "burst", "calibration", "pipeline", "simulation", "cli"),
+    *("kernels/test_twins.py", "test_faults.py", "io", "test_hostile_input.py", "test_build.py", "cli", "app"),
+    *("test_docs.py", "estimate", "burst", "calibration", "pipeline", "simulation"),
 )
 
 

@@ -6,11 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.signal import fftconvolve
+from scipy import ndimage
 from skimage import data
 from skimage.metrics import peak_signal_noise_ratio
 
-from benchmarks import baselines
 from rsdeblur import Deconvolver, PsfBank
 from tests.installed import needs
 
@@ -109,7 +108,7 @@ def psf():
 
 @pytest.fixture(scope="module")
 def blurred(psf):
-    clean = fftconvolve(np.pad(photograph(), 16, mode="symmetric"), psf, mode="same")[16:-16, 16:-16]
+    clean = ndimage.convolve(photograph(), psf, mode="reflect")
     return clean + np.random.default_rng(0).normal(0, NOISE, clean.shape)
 
 
@@ -120,14 +119,15 @@ def psnr(image):
 
 
 @pytest.mark.parametrize("name", ["tv_l1", "richardson_lucy", "unsupervised_wiener"])
-def test_a_known_psf_is_undone(name, psf, blurred):
-    result = getattr(baselines, name)(blurred, psf)
+def test_a_known_psf_is_undone(module, name, psf, blurred):
+    result = getattr(module("baselines"), name)(blurred, psf)
     assert result.dtype == np.float32
     # At least half of the squared error is removed; all three do far better on this picture.
     assert psnr(result) > psnr(blurred) + 3
 
 
-def test_the_blind_estimator_finds_a_15_px_kernel(psf, blurred):
+def test_the_blind_estimator_finds_a_15_px_kernel(module, psf, blurred):
+    baselines = module("baselines")
     estimate = baselines.estimate_psf(blurred, 21)
     assert estimate.min() >= 0
     assert estimate.sum() == pytest.approx(1, abs=1e-5)

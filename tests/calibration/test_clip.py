@@ -149,7 +149,7 @@ CAMERA = Camera(640, 480, 600.0)
 MOUNTING = imu_to_camera("phone-portrait")
 TRUTH = Parameters(offset=0.05, across=-0.02, focal=0.1, turn_y=0.03, bias_x=0.02, bias_z=-0.01, drift=5e-5)
 FREE = ("offset", "across", "focal", "turn_y", "bias_x", "bias_z")
-POINTS = 40
+POINTS = 20
 
 
 def matched(starts, log, *, camera=CAMERA, truth=TRUTH, noise=0.05, shake=0.0, seed=0):

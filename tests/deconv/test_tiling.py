@@ -10,7 +10,6 @@ from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.priors import TO_PICTURE
 from rsdeblur.deconv.tiling import Tiling, hat_weights
 from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic, extended, smooth
-from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.motion import BlurPaths
 from rsdeblur.psf import tile_centres
 
@@ -111,13 +110,6 @@ def test_otf_of_a_kernel_is_its_transform(lengths):
     placed[:5, :7] = bank.kernels[0, 0]
     expected = np.fft.fft2(np.roll(placed, (-2, -3), axis=(0, 1)))
     np.testing.assert_allclose(OtfPlanner(bank.size, lengths).whole(bank, 0, 0), expected, rtol=0, atol=1e-6)
-
-
-def test_whole_pixels_shift_a_picture():
-    picture = np.random.default_rng(0).random((40, 60), dtype=np.float32)
-    blur = TileBlur(bank_of([[3.0, -2.0], [3.0, -2.0]]), picture.shape, border="periodic")
-    # Float32, with a window whose spectrum varies by a factor of 1000.
-    np.testing.assert_allclose(blur.forward(picture), np.roll(picture, (-2, 3), axis=(0, 1)), atol=1e-3)
 
 
 H, W = 60, 85

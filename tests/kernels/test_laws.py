@@ -106,10 +106,6 @@ HALF_HEIGHT, HALF_WIDTH = 9, 12
 ATOL = 2e-7
 
 
-def raster(path):
-    return rasterize(np.array(path, dtype=np.float64)[None], HALF_HEIGHT, HALF_WIDTH)[0]
-
-
 def random_paths(count=9, samples=17, seed=0):
     """Return smooth paths that reach 8 px down and 11 px across; every third one moves along one axis only."""
     rng = np.random.default_rng(seed)
@@ -136,7 +132,7 @@ def test_paths_over_many_pixels_are_traced_as_by_the_oracle():
 
 @pytest.mark.parametrize(("x", "y"), [(0, 0), (5, -3), (-11, 8)])
 def test_a_point_on_a_pixel_is_a_delta(x, y):
-    kernel = raster([[x, y], [x, y]])
+    kernel = rasterize(np.array([[[x, y], [x, y]]], dtype=np.float64), HALF_HEIGHT, HALF_WIDTH)[0]
     expected = np.zeros_like(kernel)
     expected[HALF_HEIGHT + y, HALF_WIDTH + x] = 1.0
     np.testing.assert_array_equal(kernel, expected)

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import signal
 
 from rsdeblur import Camera, Exposure, GyroLog, PsfBank, Translation, hand_shake, scene, simulate
 from rsdeblur.choices import READOUT_DIRECTIONS
@@ -291,6 +290,8 @@ BANDS = (0.1, 2.0), (3.0, 7.0), (8.0, 12.0)
 
 def band_rms(log: GyroLog, low: float, high: float) -> np.ndarray:
     """Return the rms rate per axis of a log between two frequencies in Hz."""
+    from scipy import signal  # takes 0.5 s to import, in every process that collects the tests
+
     t = np.arange(*log.span, 1.0 / 200.0)
     even = np.stack([np.interp(t, log.t, log.omega[:, axis]) for axis in range(3)], axis=1)
     frequency, power = signal.welch(even, 200.0, nperseg=2000, axis=0)
