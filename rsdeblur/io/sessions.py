@@ -36,7 +36,8 @@ class SessionPhoto:
 def unpacked(archive: Path, folder: Path) -> Path:
     """Return the folder below `folder` into which the files of a session's zip archive were unpacked.
 
-    Files that are there already, with the size and the date of the archive's, stay as they are.
+    Files that are there already, with the size and the date of the archive's, stay as they are. `FileFormatError` if
+    the archive cannot be read or unpacked, or claims to contain far more than its size.
     """
     target = folder / archive.stem
     try:
@@ -55,6 +56,8 @@ def unpacked(archive: Path, folder: Path) -> Path:
                     os.utime(opened.extract(each, target), (date, date))
     except FileFormatError:
         raise
+    except OSError as error:
+        raise FileFormatError(f"{archive}: cannot be unpacked into {target}: {error}") from error
     except DAMAGE as error:
         raise FileFormatError(f"{archive}: the archive is damaged or encrypted: {error}") from error
     tops = {Path(each.filename).parts[0] for each in entries}

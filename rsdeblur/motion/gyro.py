@@ -1,4 +1,4 @@
-"""Samples of the gyroscope and of the accelerometer, in IMU axes and gyro time."""
+"""Samples of the gyroscope and of the accelerometer, in IMU axes and gyro time, and gravity as these show it."""
 
 from __future__ import annotations
 

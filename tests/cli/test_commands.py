@@ -333,6 +333,7 @@ def test_an_archive_of_photos_named_by_unix_time_is_a_session(run, here, files, 
     monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", found_offset(0.0))
     call = ["batch", tmp_path / "walk.zip", "--camera", files.camera, "--duration", DURATION, "--quality", "fast"]
     assert "unpack the archive" in run(*call, "--dry-run").stderr
+    assert "No such file" in run("batch", tmp_path / "nope.zip").stderr
     (item,) = json.loads(run(*call, "--jobs", 1, "--json").stdout)["items"]
     assert (item["state"], item["output"]) == ("done", str(tmp_path / "walk-sharp" / "Camera" / name)), item
     # What was unpacked is the same next time.
