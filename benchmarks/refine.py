@@ -1,9 +1,10 @@
 """How well `refine` corrects wrong recordings of simulated captures that a phone has processed.
 
-``python -m benchmarks.refine [--photos N] [--captures N] [--right N] [--records FILE] [--markdown FILE]``. With
-``--photos 6`` each recording has six photos, which are refined together. Each row is appended to --records as soon as
-it is measured; rows that the file has are not measured again. The constants of `refine` were chosen on the same
-photographs at other moments of the log, with other seeds.
+``python -m benchmarks.refine [--photos N] [--captures N] [--right N] [--without PART] [--records FILE] [--markdown
+FILE]``. With ``--photos 6`` each recording has six photos, which are refined together. ``--without`` leaves a part of
+`refine` out, to show what it is worth. Each row is appended to --records as soon as it is measured; rows that the file
+has are not measured again. The constants of `refine` were chosen on the same photographs at other moments of the log,
+with other seeds.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +29,10 @@ from benchmarks.data import Image, noted
 from benchmarks.phone import processed
 from benchmarks.tables import append, markdown, recorded, report
 from rsdeblur import Camera, Correction, Exposure, RsdeblurError, deblur, refine, simulate
+from rsdeblur.estimate import refine as refining
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.regions import with_factors
+from rsdeblur.estimate.regions import DriftByRegion, with_factors
+from rsdeblur.estimate.streaks import LightStreaks
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.motion.axes import rotations
 from rsdeblur.motion.camera import UNKNOWN_READOUT
@@ -38,6 +43,12 @@ PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim19", "k
 KINDS = ("none", "offset", "readout", "scale", "bias", "drift", "all", "axes", "depths", "unknown")
 # Those of a whole recording: drifts differ from photo to photo.
 SHARED_KINDS = ("none", "offset", "readout", "scale", "all", "axes", "unknown")
+# Parts of `refine` that can be left out, and what then takes their place.
+PARTS = {
+    "regions": (DriftByRegion, "best", lambda *_, **__: None),
+    "rivals": (refining, "rival_lead", lambda *_: -np.inf),
+    "streaks": (LightStreaks, "nats", lambda *_: 0.0),
+}
 # Mean length of the paths that are used, px.
 LENGTHS = 4.0, 35.0
 # Softness of the pictures that are aligned, px, and the steps that this takes.
@@ -353,6 +364,7 @@ def main() -> None:
     parser.add_argument("--captures", type=int, default=15, help="recordings with every kind of error")
     parser.add_argument("--right", type=int, default=30, help="recordings that are right")
     parser.add_argument("--kinds", help="kinds of errors to measure, separated by commas (all)")
+    parser.add_argument("--without", choices=PARTS, help="part of `refine` to leave out; needs records of its own")
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
     parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
@@ -365,7 +377,8 @@ def main() -> None:
         for kind in kinds:
             if (n, kind) in rows or n >= (options.right if kind == "none" else options.captures):
                 continue
-            row = measured(photos, n, kind, options.seed)
+            with patch.object(*PARTS[options.without]) if options.without else nullcontext():
+                row = measured(photos, n, kind, options.seed)
             if row is None:
                 continue
             rows[n, kind] = row
