@@ -42,7 +42,9 @@ from rsdeblur.simulation import Simulation
 PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim19", "kodim20", "kodim23")
 KINDS = ("none", "offset", "readout", "scale", "bias", "drift", "all", "axes", "depths", "unknown")
 # Those of a whole recording: drifts differ from photo to photo.
-SHARED_KINDS = ("none", "offset", "readout", "scale", "all", "axes", "unknown")
+SHARED_KINDS = ("none", "offset", "readout", "scale", "all", "axes", "unknown", "drifts")
+# Focal length of recordings whose photos have drifts of their own, as a factor.
+DRIFTS_SCALE = 1.2
 # Parts of `refine` that can be left out, and what then takes their place.
 PARTS = {
     "regions": (DriftByRegion, "best", lambda *_, **__: None),
@@ -69,7 +71,8 @@ class Case:
     @cached_property
     def simulation(self) -> Simulation:
         """The blurred and the sharp picture, linear light."""
-        return simulate(self.scene, self.true.log, self.true.camera, self.true.exposure)
+        true = self.true
+        return simulate(self.scene, true.log, true.camera, true.exposure, translation=true.translation)
 
     @cached_property
     def picture(self) -> NDArray[np.uint8]:
@@ -279,7 +282,9 @@ def given_wrongly(photos: Sequence[Case], kind: str, random: np.random.Generator
     if kind in ("axes", "unknown"):
         camera = mounted(random, first).camera if kind == "axes" else replace(first.camera, **UNKNOWN_READOUT)
         return [replace(photo.true, camera=camera) for photo in photos]
-    wrong = error(kind, random, first)
+    if kind == "drifts":
+        photos = [replace(photo, true=replace(photo.true, translation=None)) for photo in photos]
+    wrong = Correction(scale=np.log(DRIFTS_SCALE)) if kind == "drifts" else error(kind, random, first)
     if len(photos) > 1:
         wrong = replace(wrong, drift_x=0.0, drift_y=0.0)
     return [photo.true.corrected(wrong) for photo in photos]
@@ -291,6 +296,8 @@ def measured(photos: list[Case], capture: int, kind: str, seed: int) -> Row | No
     random = np.random.default_rng((seed, capture, kinds.index(kind)))
     if kind == "depths":
         photos = [Depths.of(photos[0], random)]
+    if kind == "drifts":
+        photos = [replace(photo, true=photo.true.corrected(error("drift", random, photo.true))) for photo in photos]
     true = [photo.known if isinstance(photo, Depths) else photo.true for photo in photos]
     try:
         given = given_wrongly(photos, kind, random)
@@ -330,7 +337,7 @@ def mean_psnr(photos: Sequence[Case], given: Sequence[Recording]) -> float:
 def table(rows: list[Row]) -> str:
     """Return the means of each kind of error."""
     lines = []
-    for kind in KINDS:
+    for kind in dict.fromkeys((*KINDS, *SHARED_KINDS)):
         group = [row for row in rows if row.kind == kind]
         if not group:
             continue
