@@ -39,7 +39,6 @@ from rsdeblur.io.columns import choice_for as choice_for
 from rsdeblur.io.gyro_binary import frame_exposures as frame_exposures
 from rsdeblur.io.gyro_logs import axes_problems as axes_problems
 from rsdeblur.io.gyro_logs import detect_gyro_format as detect_gyro_format
-from rsdeblur.io.metadata import EXIF_ERROR as EXIF_ERROR
 from rsdeblur.io.metadata import Exif as Exif
 from rsdeblur.io.metadata import capture_time as capture_time
 from rsdeblur.io.metadata import on_clock_of as on_clock_of

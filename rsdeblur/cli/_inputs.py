@@ -77,7 +77,7 @@ def with_offset(inputs: Inputs, photo: Path) -> Inputs:
     picture, log, camera, exposure = inputs
     with progress("time") as move, naming(photo):
         found = rs.find_time_offset(
-            picture.pixels, log, camera, exposure, search=rs.EXIF_ERROR, transfer=picture.transfer, progress=move
+            picture.pixels, log, camera, exposure, search=exif_error(photo), transfer=picture.transfer, progress=move
         )
     checked_offset(found, [photo])
     camera = found.camera
@@ -86,6 +86,11 @@ def with_offset(inputs: Inputs, photo: Path) -> Inputs:
         f"readout {1e3 * camera.readout_time:.1f} ms"
     )
     return inputs._replace(camera=camera)
+
+
+def exif_error(photo: Path) -> tuple[float, float]:
+    """Return how far the time in a photo's EXIF block may be from the start of the exposure, s."""
+    return rs.capture_time(_exif(photo), photo.stem).error
 
 
 def checked_offset(found: rs.OffsetSearch, photos: Sequence[Path]) -> float:

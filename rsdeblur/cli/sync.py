@@ -11,6 +11,7 @@ from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import (
     checked_offset,
+    exif_error,
     naming,
     photo_gravity,
     read_inputs,
@@ -59,7 +60,7 @@ def command(
     if write:
         # Before the search: the file may be of a kind that has no place for the offset.
         rs.check_editable(recording.camera)
-    usual = rs.EXIF_ERROR if recording.start == "exif" else None
+    usual = exif_error(photos[0]) if recording.start == "exif" else None
     inputs = []
     for photo, each in zip(photos, recordings_of(photos, recording), strict=True):
         inputs.append(read_inputs(photo, each))

@@ -50,9 +50,9 @@ BLOCKS = {"exif": ("the EXIF block", 65_533), "xmp": ("the XMP packet", 65_502),
 # Most bytes of samples in a classic TIFF: its offsets have 32 bits, and its tags need room too.
 CLASSIC_BYTES = 2**32 - 2**24
 MAKE, MODEL, ZOOM = Base.Make, Base.Model, Base.DigitalZoomRatio
-# Time in EXIF minus the start of the exposure, s: cameras write the command, the end or the storing of the picture, and
-# some whole seconds only.
-EXIF_ERROR = (-2.0, 1.0)
+# Time in EXIF minus the start of the exposure, s: cameras write the command, the end or the storing of the picture.
+# Some write whole seconds only, and the rest is missing.
+EXIF_ERROR, WHOLE_SECOND = (-1.0, 1.0), 1.0
 
 
 @one_line()
@@ -231,6 +231,12 @@ class CaptureTime(NamedTuple):
     ns: int
     has_zone: bool
 
+    @property
+    def error(self) -> tuple[float, float]:
+        """First and last difference from the start of the exposure that is possible, s."""
+        early, late = EXIF_ERROR
+        return (early if self.ns % 10**9 else early - WHOLE_SECOND), late
+
 
 def capture_time(exif: Exif, name: str = "") -> CaptureTime:
     """Return the time at which a photo was taken: DateTimeOriginal, its fraction and its offset.
@@ -261,7 +267,7 @@ def on_clock_of(time: CaptureTime, log: GyroLog) -> int:
     # Timestamps before the year 2000 are not Unix time: clocks of phones count from their start.
     if first < 946_684_800 * 10**9:
         raise ClockError("the timestamps of the log are not Unix time, so the time in EXIF has no place on its clock")
-    early, late = (round(error * 10**9) for error in EXIF_ERROR)
+    early, late = (round(error * 10**9) for error in time.error)
     # Time zones differ from UTC by multiples of a quarter of an hour, from -12 to +14 hours.
     quarters = range(1) if time.has_zone else range(-48, 57)
     times = [time.ns - quarter * 900 * 10**9 for quarter in quarters]

@@ -118,6 +118,14 @@ def test_the_zone_follows_from_offset_or_log(exif: Exif) -> None:
     assert on_clock_of(capture_time(exif), log_at(NOON_NS - 10**9)) == NOON_NS + 250_000_000
 
 
+def test_a_time_of_whole_seconds_lacks_the_rest_of_the_second() -> None:
+    whole, exact = (
+        capture_time(exif_of({Base.DateTimeOriginal: LOCAL} | more)) for more in ({}, {Base.SubsecTimeOriginal: "25"})
+    )
+    assert exact.error[0] - whole.error[0] == 1.0
+    assert exact.error[1] == whole.error[1]
+
+
 def test_times_without_a_place_are_refused() -> None:
     for year in ("0000:00:00", "0001:01:01", "9999:12:31"):
         with pytest.raises(InputError, match="no DateTimeOriginal"):
