@@ -114,7 +114,7 @@ def ours(bands: int, border: Literal["blend", "periodic"] = "blend") -> Callable
     """Our filter: all of `apply`, into a given array."""
 
     def build(case: Case, threads: int) -> Task:
-        solver = Deconvolver(case.bank(bands), case.shape, nsr=NSR, border=border, planning="measure", threads=threads)
+        solver = Deconvolver(case.bank(bands), case.shape, nsr=NSR, border=border, threads=threads)
         out = np.empty(case.shape, dtype=np.float32)
         return Task(lambda: solver.apply(case.blurred, out=out))
 
@@ -132,7 +132,7 @@ def motion(bands: int) -> Callable[[Case, int], Task]:
 
 
 def replan(bands: int) -> Callable[[Case, int], Task]:
-    """Motion, PSFs and filters, from the raw log, in a solver that is planned already."""
+    """Motion, PSFs and filters, from the raw log."""
 
     def build(case: Case, threads: int) -> Task:
         log = case.log(bands)
@@ -140,10 +140,8 @@ def replan(bands: int) -> Callable[[Case, int], Task]:
         def bank() -> PsfBank:
             return psfs(log, case.camera, EXPOSURE, bands=bands, strips=1)
 
-        solver = Deconvolver(bank(), case.shape, nsr=NSR, planning="measure", threads=threads)
-
         def run() -> None:
-            solver.replan(bank())
+            Deconvolver(bank(), case.shape, nsr=NSR, threads=threads)
 
         return Task(run)
 

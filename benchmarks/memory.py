@@ -1,8 +1,8 @@
 """Large pictures in bounded memory: ``python -m benchmarks.memory [--size 8000x6000] [--max-memory 1GiB]``.
 
-Deblurs a generated, uncompressed RGB TIFF of 8 bits with the command line, which maps picture and result from their
-files. Measures the private memory of the process (Linux: RssAnon; the system may reclaim pages of mapped files). Extra
-is that memory less that of the same command on a small picture. ``--mode global`` measures one mode.
+Deblurs a generated RGB TIFF of 8 bits with the command line. Measures the private memory of the process (Linux:
+RssAnon). Extra is that memory less that of the same command on a small picture; it contains the picture and its result.
+``--mode global`` measures one mode.
 """
 
 from __future__ import annotations

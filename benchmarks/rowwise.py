@@ -45,7 +45,7 @@ SPARSE, SPARSE_TARGET = 31, 8.0
 PRIOR = DerivativePrior("hyper-laplacian", weight=0.003, peak=1.0)
 # Rows of the picture whose factor is to stay in the cache, in heights of the PSF.
 FEW = 3
-COLUMNS = ("PSF rows", "apply ms", "/ global", "at most", "met", "MiB", "GFLOP/s", "in cache", "share of apply")
+COLUMNS = ("PSF rows", "apply ms", "/ global", "at most", "met", "GFLOP/s", "in cache", "share of apply")
 Record = dict[str, Any]
 
 
@@ -80,12 +80,12 @@ def run(size: tuple[int, int], rounds: int, threads: int, *, steady: bool = Fals
     record: Record = {"machine": machine.facts(), "load": machine.load(), "size": size, "threads": threads}
     case = Case(*size, (WIDTH, WIDTH))
     picture, out = case.blurred, np.empty(case.shape, dtype=np.float32)
-    plain = Deconvolver(case.bank(1), case.shape, nsr=NSR, planning="measure", threads=threads)
+    plain = Deconvolver(case.bank(1), case.shape, nsr=NSR, threads=threads)
     jobs: dict[tuple[str, int], Job] = {("global", 0): lambda: plain.apply(picture, out)}
     solvers, work = {}, {}
     for height in TARGETS:
         paths = row_paths(Case(*size, (WIDTH, height)))
-        solvers[height] = solver = RowDeconvolver(paths, case.shape, nsr=NSR, planning="measure", threads=threads)
+        solvers[height] = solver = RowDeconvolver(paths, case.shape, nsr=NSR, threads=threads)
         jobs["apply", height] = lambda solver=solver: solver.apply(picture, out)  # type: ignore[misc]  # bound now
         few = BlurPaths(paths.displacements[: FEW * height], paths.rows[: FEW * height], paths.cols)
         for name, part in (("block", paths), ("cached", few)):
@@ -102,10 +102,12 @@ def run(size: tuple[int, int], rounds: int, threads: int, *, steady: bool = Fals
             "apply_s": times["apply", height].median,
             "ratio": times["apply", height] / times["global", 0],
             "bound": bound,
-            "memory": solvers[height].memory,
             "gflops": work["block", height] / times["block", height].median / 1e9,
             "cached_gflops": work["cached", height] / times["cached", height].median / 1e9,
-            "share": times["block", height].median * solvers[height].blocks / threads / times["apply", height].median,
+            "share": times["block", height].median
+            * solvers[height]._spectra.blocks
+            / threads
+            / times["apply", height].median,
         }
         for height, bound in TARGETS.items()
     ]
@@ -151,7 +153,6 @@ def rows(record: Record) -> list[list[str]]:
             f"{row['ratio']:.2f}",
             f"{row['bound']:g}",
             "yes" if row["ratio"] <= row["bound"] else "no",
-            f"{row['memory'] / 2**20:.0f}",
             f"{row['gflops']:.0f}",
             f"{row['cached_gflops']:.0f}",
             f"{row['share']:.0%}",

@@ -173,11 +173,10 @@ def equations(seed: tuple[int, int], linear: FrameSum | None) -> list[tuple[int,
     border = max(*case.kernel.shape, HALO)
     inside = np.s_[border:-border, border:-border]
     error = np.square((latents[MIDDLE] - case.sharp)[inside] * slope[inside][..., None]).mean()
-    place, variances = features(prior.weight, prior.noise_share, KNOTS), prior.band_variances
+    place, variances = features(prior.weight, prior.noise_share, KNOTS), prior.variances
     if linear is not None:
         start = add_up(latents, variances, linear.at(place), periodic=False, threads=1)
-        for step in prior.sparse.steps(solver, start=start, penalties=PENALTIES, ahead=0.0, threads=1):
-            pilot = step.latent
+        *_, (pilot, _) = prior.sparse.steps(solver, start=start, penalties=PENALTIES, ahead=0.0, threads=1)
         latents, variances = [latents[MIDDLE], pilot], variances[[MIDDLE, MIDDLE]]
     channels = latents[0].shape[2]
     mix = (OPPONENT if channels == 3 else np.eye(1)).astype(np.float32)

@@ -69,9 +69,6 @@ SATURATIONS: tuple[Saturation, ...] = get_args(Saturation)
 Chroma = Literal["full", "half"]
 CHROMAS: tuple[Chroma, ...] = get_args(Chroma)
 
-Planning = Literal["estimate", "measure"]
-PLANNINGS: tuple[Planning, ...] = get_args(Planning)
-
 # A number is a gamma: light = value ** gamma.
 Transfer = Literal["linear", "srgb"] | float
 TRANSFERS: tuple[Literal["linear", "srgb"], ...] = ("linear", "srgb")

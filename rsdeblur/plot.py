@@ -177,8 +177,7 @@ def comparison(
     Raises
     ------
     InputError
-        If there is no picture, the shapes differ, `crop` shows nothing, Matplotlib is not installed, or `transfer` is
-        "auto" for arrays of integers beside arrays of floats, which may be the result of such integers.
+        If there is no picture, the shapes differ, `crop` shows nothing, or Matplotlib is not installed.
 
     Examples
     --------
@@ -189,16 +188,16 @@ def comparison(
     >>> [ax.get_title() for ax in axes]
     ['grey', 'lighter, 29.9 dB']
     """
-    if not isinstance(pictures, Mapping):
-        raise InputError(f"pictures must be a dict of pictures by their titles, got {validate.shown(pictures)}")
     shown = {title: _display(picture, transfer) for title, picture in pictures.items()}
     truth = None if reference is None else _display(reference, transfer)
-    _check_transfers([*pictures.values(), *([] if reference is None else [reference])], transfer)
     shapes = {picture.shape for picture in shown.values()} | ({truth.shape} if truth is not None else set())
     if not shown or len(shapes) != 1:
         raise InputError(f"pictures must be at least one and all of one shape, got {sorted(shapes) or 'none'}")
     height, width = shapes.pop()[:2]
-    top, left, tall, wide = _checked_crop((0, 0, height, width) if crop is None else crop, height, width)
+    top, left, tall, wide = (0, 0, height, width) if crop is None else crop
+    tall, wide = min(tall, height - top), min(wide, width - left)
+    if min(top, left) < 0 or min(tall, wide) < 1:
+        raise InputError(f"crop shows nothing of a picture of {width}x{height} px: {crop}")
     plt = _pyplot()
     _, axes = plt.subplots(
         1, len(shown), squeeze=False, figsize=(3.2 * len(shown), 3.2 * tall / wide + 0.5), layout="constrained"
@@ -211,26 +210,6 @@ def comparison(
         ax.set_axis_off()
     row: NDArray[Any] = axes[0]
     return row
-
-
-def _check_transfers(pictures: Iterable[ArrayLike | DeblurResult | BurstResult], transfer: Transfer | Auto) -> None:
-    """Refuse arrays that would be decoded in two ways."""
-    arrays = [np.asarray(picture) for picture in pictures if not isinstance(picture, (DeblurResult, BurstResult))]
-    kinds = {array.dtype.kind for array in arrays}
-    if validate.is_auto(transfer) and {"u", "f"} <= kinds:
-        raise InputError(
-            "pictures has integers, which are sRGB, and floats, which are linear light unless they are the result of "
-            'such integers: give results themselves instead of their images, or set transfer, such as "srgb"'
-        )
-
-
-def _checked_crop(crop: Any, height: int, width: int) -> tuple[int, int, int, int]:
-    if not isinstance(crop, (tuple, list)) or len(crop) != 4:
-        raise InputError(f"crop must be (top, left, height, width), got {validate.shown(crop)}")
-    top = validate.count("top of crop", crop[0], minimum=0, maximum=height - 1)
-    left = validate.count("left of crop", crop[1], minimum=0, maximum=width - 1)
-    tall, wide = validate.count("height of crop", crop[2]), validate.count("width of crop", crop[3])
-    return top, left, min(tall, height - top), min(wide, width - left)
 
 
 def _pyplot() -> Any:

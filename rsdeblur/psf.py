@@ -18,8 +18,6 @@ from rsdeblur.kernels.raster import rasterize
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.types import FloatArray
 
-# Samples of the path of a straight blur.
-LINE_SAMPLES = 129
 # Parts of a pixel along x and y in which parametric kernels are drawn, odd: up to this reach in px, and beyond it.
 LARGE, PARTS, PARTS_OF_LARGE = 60, 7, 3
 
@@ -182,7 +180,7 @@ class PsfBank:
         lengths = sums(np.abs(lines)) / sums(np.ones(lines.shape))
         mean = lengths * np.exp(0.5j * np.angle(sums(lines**2)))
         ends = np.stack([mean.real, mean.imag], axis=-1)
-        moments = np.linspace(-0.5, 0.5, LINE_SAMPLES)[:, None]
+        moments = np.linspace(-0.5, 0.5, 129)[:, None]
         paths = BlurPaths(moments * ends[:, :, None], tile_centres(bands, height), tile_centres(strips, width))
         return cls.from_paths(paths)
 
@@ -227,13 +225,10 @@ class PsfBank:
         x, y = (np.arange(-side, side + 1) for side in (n * reach + n // 2))
         path = np.ascontiguousarray(n * np.stack([-end, end])[None])
         drawn = rasterize(path, len(y) // 2, len(x) // 2, None)[0].astype(np.float64)
-        shapes = []
         if disc > 0:  # its rim covers parts in part
-            shapes.append(np.clip(n * disc / 2 - np.hypot(x, y[:, None]) + 0.5, 0.0, 1.0))
-        if gauss > 0:
-            shapes += [np.exp(-0.5 * np.square(places / (n * gauss))) for places in (x[None], y[:, None])]
-        for shape in shapes:
-            drawn = fftconvolve(drawn, shape, mode="same").clip(0.0, None)
+            round_part = np.clip(n * disc / 2 - np.hypot(x, y[:, None]) + 0.5, 0.0, 1.0)
+            drawn = fftconvolve(drawn, round_part, mode="same").clip(0.0, None)
+        drawn = gaussian_filter(drawn, n * gauss, mode="constant")
         kernel = drawn.reshape(len(y) // n, n, len(x) // n, n).sum(axis=(1, 3))
         return cls(kernel / kernel.sum(), np.zeros(1), np.zeros(1))
 
@@ -330,9 +325,8 @@ class PsfBank:
             validate.instance(name, part, slice)
             for end in ("start", "stop"):
                 validate.finite(f"the {end} of {name}", getattr(part, end))
-        bands, strips = (affecting(centres, part) for centres, part in ((self.rows, rows), (self.cols, cols)))
-        paths = self.displacements
-        paths = None if paths is None else paths[bands, strips]
+        bands, strips = affecting(self.rows, rows), affecting(self.cols, cols)
+        paths = None if self.displacements is None else self.displacements[bands, strips]
         return PsfBank(self.kernels[bands, strips], self.rows[bands], self.cols[strips], paths, self.softness)
 
     def turned(self, height: int) -> PsfBank:
@@ -419,8 +413,7 @@ def size_of(paths: BlurPaths) -> tuple[int, int]:
 
 def tile_centres(tiles: int, length: int) -> FloatArray:
     """Return the centres in px of `tiles` equal parts of `length` pixels; pixel centres are at integers."""
-    centres: FloatArray = (np.arange(tiles) + 0.5) * length / tiles - 0.5
-    return centres
+    return (np.arange(tiles) + 0.5) * length / tiles - 0.5
 
 
 def affecting(centres: FloatArray, part: slice) -> slice:

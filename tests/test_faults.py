@@ -22,10 +22,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, OutputError, PsfBank, RsdeblurWarning, read_picture, write_picture
+from rsdeblur import Camera, OutputError, PsfBank, read_picture, write_picture
 from rsdeblur._util.files import atomic_write, check_target, remove_unfinished
-from rsdeblur.io import Picture
-from rsdeblur.io.picture_output import picture_to_fill
 
 KILLS = 4
 SIDE = 200
@@ -294,40 +292,18 @@ def test_a_replaced_file_keeps_mode_and_attributes(tmp_path: Path) -> None:
     assert path.stat().st_mtime > 1
 
 
-@pytest.mark.parametrize("suffix", [".tif", ".npy"])
-def test_a_mapped_picture_has_its_space_before_it_is_filled(tmp_path: Path, suffix: str) -> None:
-    """Else a full disk ends the process with SIGBUS."""
-    pixels = np.zeros((300, 400, 3), np.uint8)
-    with picture_to_fill(tmp_path / f"a{suffix}", pixels.shape, like=Picture(pixels), in_place=True):
-        (file,) = tmp_path.iterdir()
-        # POSIX counts blocks of 512 bytes; a part of a block is a whole one.
-        assert 512 * file.stat().st_blocks >= pixels.size
-
-
 @pytest.mark.parametrize("number", [errno.EPERM, errno.EINVAL])
-@pytest.mark.parametrize("in_place", [False, True])
-def test_a_disk_without_file_times_and_synchronisation_keeps_the_result(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, in_place: bool
+def test_a_disk_without_synchronisation_keeps_the_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
-    for call in ("utime", "fsync", "posix_fallocate") if number == errno.EINVAL else ("utime", "fsync"):
-        monkeypatch.setattr(os, call, failing(number), raising=False)
-    like = Picture(np.full((3, 4), 7, np.uint8), modified_ns=10**18)
-    with (
-        pytest.warns(RsdeblurWarning, match="time"),
-        picture_to_fill(tmp_path / "a.tif", (3, 4), like=like, in_place=in_place) as pixels,
-    ):
-        pixels[...] = like.pixels
+    monkeypatch.setattr(os, "fsync", failing(number))
+    write_picture(tmp_path / "a.tif", np.full((3, 4), 7, np.uint8))
     assert (read_picture(tmp_path / "a.tif").pixels == 7).all()
 
 
-@pytest.mark.parametrize("call", ["posix_fallocate", "fsync", "replace"])
+@pytest.mark.parametrize("call", ["fsync", "replace"])
 def test_a_full_disk_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
-    monkeypatch.setattr(os, call, failing(errno.ENOSPC), raising=False)
-    pixels = np.zeros((3, 4), np.uint8)
-    with (
-        pytest.raises(OutputError, match=r"a\.tif: cannot write the file: No space left on device"),
-        picture_to_fill(tmp_path / "a.tif", pixels.shape, like=Picture(pixels), in_place=True),
-    ):
-        # A map without its space ends the process with SIGBUS.
-        assert call != "posix_fallocate"
+    monkeypatch.setattr(os, call, failing(errno.ENOSPC))
+    with pytest.raises(OutputError, match=r"a\.tif: cannot write the file: No space left on device"):
+        write_picture(tmp_path / "a.tif", np.zeros((3, 4), np.uint8))
     assert not list(tmp_path.iterdir())

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from rsdeblur import Camera, Deconvolver, Exposure, InputError, deblur, hand_shake, psfs
 from rsdeblur.deconv import DerivativePrior, PlugAndPlayPrior, RowBlur, RowDeconvolver, TileQuadratic, fft
-from rsdeblur.io import pictures
 from rsdeblur.motion import BlurPaths, Capture
 
 Image = NDArray[np.float32]
@@ -124,7 +123,7 @@ def in_a_fork(work: Callable[[], Any]) -> int:
 
 @forks
 @many_threads
-@pytest.mark.parametrize("lock", [fft._planner, pictures._limit_lock, global_compiler_lock])
+@pytest.mark.parametrize("lock", [fft._planner, global_compiler_lock])
 def test_a_fork_waits_for_what_a_process_has_once(lock: Any) -> None:
     begun, held = threading.Event(), threading.Event()
 
@@ -156,5 +155,3 @@ def test_a_function_that_a_solver_calls_may_not_use_it() -> None:
         with pytest.raises(InputError, match="the solver is at work on a picture"):
             call(lambda *_: call(lambda *_: None))  # noqa: B023
         call(lambda *_: None)  # The refusal leaves the solver as it was.
-    with pytest.raises(InputError, match="the solver is at work on a picture"):
-        wiener.apply(PICTURE, progress=lambda _: wiener.replan(bank))

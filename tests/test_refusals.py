@@ -46,13 +46,6 @@ Call = Callable[[], Any]
 Door = Callable[[Any], Any]
 
 
-class Lazy:
-    """What Dask's arrays and xarray's arrays of them offer."""
-
-    def __dask_graph__(self) -> dict[str, int]:
-        return {"chunk": 1}
-
-
 # Planned when a test wants them: to collect tests must not wait for kernels to be compiled.
 blur = cache(lambda: deconv.RowBlur(PATHS, WIDTH))
 wiener = cache(lambda: rs.Deconvolver(BANK, SHAPE))
@@ -100,7 +93,7 @@ OPTIONS: list[tuple[dict[str, Any], str]] = [
         ("mode", "rowwise"), ("prior", "wiener"), ("quality", "best"))),
     ({"fallback": True, "geometry": "rectify"}, "shape"),
     *(({"max_memory": 2**30, name: value}, f"{name}.* the whole picture") for name, value in (
-        ("normalize", True), ("border", "unknown"), ("geometry", "rectify"))),
+        ("normalize", True), ("border", "unknown"), ("geometry", "rectify"), ("saturation", "always"))),
     *(({"normalize": "yes"}, "normalize"), ({"max_memory": 0.5}, "max_memory"), ({"softness": 1.5}, "softness")),
     *(({"exponent": 0}, "exponent"), ({"prior": "tv", "exponent": 0.5}, "exponent")),
     *(({"quality": "fast", "weight": 0.1}, "weight"), ({"chroma": "half", "prior": "wavelet"}, "half colours")),
@@ -116,21 +109,20 @@ PICTURES: list[tuple[str, Call]] = [
     ("^strips must be at most", deblur(strips=10**6, mode="rowwise")),
     *(("^image must", deblur(spoilt(value), **options)) for value in (-2e12, 1e300, math.nan, math.inf) for options in (
         {}, {"weight": 0.01}, {"prior": "wiener", "nsr": 0.01}, {"mode": "rowwise"})),
-    ("turned by a quarter", deblur(GREY.T)),
-    (r"--size 24x18 .*camera.resized\(24, 18\)", deblur(GREY[::2, ::2])),
-    ("camera.cropped", deblur(GREY[:30, :30])),
+    ("change the camera as the picture was", deblur(GREY.T)),
+    (r"--size .*camera.resized", deblur(GREY[::2, ::2])),
+    ("--crop .*cropped", deblur(GREY[:30, :30])),
     ("C from 1 to 4", deblur(np.zeros((*SHAPE, 5)))),
     ("image must have shape", deblur(np.zeros(7))),
     *(("image must be .*" + str(np.dtype(kind)), deblur(GREY.astype(kind))) for kind in (np.int32, complex)),
     ("most of them beyond 1", deblur(IMAGE * np.float32(65535), out=np.empty_like(IMAGE, dtype=np.uint8))),
-    (r"lazy .*compute\(\).*mmap_mode", deblur(Lazy())),
-    *(("rsdeblur.read_picture", deblur(path)) for path in ("photo.png", Path("photo.png"))),
+    *(("image must be an array", deblur(path)) for path in ("photo.png", Path("photo.png"))),
     ("pass its .pixels", deblur(Picture(np.zeros(SHAPE, np.uint8)))),
     ("pass its .pixels", lambda: wiener().apply(Picture(np.zeros(SHAPE, np.uint8)))),
     ("sharp must be .* int64", lambda: rs.simulate(IMAGE.astype(np.int64), LOG, CAMERA, EXPOSURE)),
     ("values must be floats, got uint8", lambda: rs.to_linear(np.zeros((4, 4), np.uint8), "srgb")),
-    ("log must be .*rsdeblur.read_gyro", lambda: rs.psfs(Path("gyro.csv"), CAMERA, EXPOSURE)),
-    ("camera must be .*'phone.toml'.*rsdeblur.read_camera", lambda: rs.psfs(LOG, "phone.toml", EXPOSURE)),
+    ("log must be a GyroLog, got PosixPath", lambda: rs.psfs(Path("gyro.csv"), CAMERA, EXPOSURE)),
+    ("camera must be a Camera, got 'phone.toml'", lambda: rs.psfs(LOG, "phone.toml", EXPOSURE)),
 ]  # fmt: skip
 SOLVERS: list[tuple[str, Call]] = [
     *((words, partial(rs.deconvolve, GREY, psf)) for words, psf in (
@@ -147,8 +139,6 @@ SOLVERS: list[tuple[str, Call]] = [
         GREY.astype(np.uint8), GREY.astype(int).tolist(), GREY > 0.5, GREY.astype(complex))),
     ("out must be", lambda: wiener().apply(IMAGE[..., 0], out=np.empty(SHAPE))),
     ("writable", lambda: wiener().apply(IMAGE[..., 0], out=np.broadcast_to(np.float32(0), SHAPE))),
-    ("at most 1 x 5 px, got 1 x 7", lambda: wiener().replan(PsfBank.for_picture(np.full((1, 7), 1 / 7), SHAPE))),
-    ("elsewhere", lambda: wiener().replan(PsfBank.for_picture(np.full((2, 1, 1, 5), 0.2), SHAPE))),
     *((words, partial(DerivativePrior, *given)) for words, given in (
         ("kind must be", ("lasso", 0.1)), ("weight must be", ("tv", 0.0)), ("exponent must", ("tv", 1, 2)))),
     ("nsr must be", lambda: TileQuadratic(BANK, SHAPE, nsr=-1.0)),
@@ -205,7 +195,6 @@ CAMERAS: list[tuple[str, Call]] = [
         ("radtan", 1), ("fisheye", 5), ("none", 1))),
     ("beyond 180 degrees", camera(focal_length=2.0, **FISHEYE)),
     ("roll must be finite", lambda: rs.Correction(roll=np.inf)),
-    ("sd must be at least 0", lambda: rs.calibration.Estimate(1.0, -1.0, "s")),
     ("drop must be", lambda: rs.triage(LOG, CAMERA, [], keep=3.0, drop=2.0)),
     ("180 degrees", lambda: burst_captures(
         LOG, Camera(WIDTH, HEIGHT, 15.0, **FISHEYE), [EXPOSURE], Translation([0.0, 0.5], NOWHERE, 1.0))),
@@ -221,15 +210,15 @@ LOGS: list[tuple[str, Call]] = [
     ("at least 2", log([0], np.zeros((1, 3)))),
     ("t must be finite", log([0, math.nan, 2], np.zeros((3, 3)))),
     (r"omega must be finite, got inf at index \(1, 1\)", log([0, 1], [[0, 0, 0], [0, math.inf, 0]])),
-    ("sample 2 .*duplicate", log([0, 1, 1, 2], np.zeros((4, 3)))),
-    ("sample 2 .*out of order", log([0, 1, 0.5, 2], np.zeros((4, 3)))),
+    ("sample 2 .*is not after", log([0, 1, 1, 2], np.zeros((4, 3)))),
+    ("sample 2 .*is not after", log([0, 1, 0.5, 2], np.zeros((4, 3)))),
     *(("epoch_ns", log([0, 1], NOWHERE, epoch)) for epoch in (1.7e18, "0", True, -(2**63) - 1, 2**63, 10**400)),
     *((words, partial(STILL.trimmed, *times)) for words, times in (
         ("t1 must", (0.2, 0.1)), ("t0 must", (math.nan, 0.1)), ("spans 0.0 s to 1.0 s", (2.0, 3.0)))),
     ("makes sample times equal", lambda: STILL.shifted(1e20)),
     ("b must have shape", lambda: STILL.minus_bias(0.1)),
     ("t1 must be at most", lambda: LOG.covering(0.0, 1e300, 0)),
-    (r"force must be in m/s\^2", lambda: AccelerationLog([0.0, 1.0], [[0, 0, 0], [1e13, 0, 0]])),
+    ("force must", lambda: AccelerationLog([0.0, 1.0], [[0, 0, 0], [1e13, 0, 0]])),
     ("t must increase", lambda: AccelerationLog([0.0, 0.0], np.ones((2, 3)))),
     *(("depth", partial(Translation, [0, 1], NOWHERE, depth)) for depth in (
         0.0, [[1.0, -1.0]], [1.0, 2.0], [[1.0], [1.0, 2.0]], [[np.nan]], np.zeros((0, 3)))),
@@ -350,14 +339,14 @@ CALLS: dict[str, Door] = {
         rs.deblur,
         (PLAIN, LOG, CAMERA, EXPOSURE),
         "mode bands strips prior weight exponent nsr noise geometry border motion translation softness "
-        "transfer normalize saturation check fallback planning threads max_memory out progress",
+        "transfer normalize saturation check fallback threads max_memory out progress",
     ),
     "deconvolve: image": lambda x: rs.deconvolve(x, BANK),
     "deconvolve: psf": lambda x: rs.deconvolve(PLAIN, x),
     **options(
         rs.deconvolve,
         (PLAIN, BANK),
-        "prior weight exponent nsr noise border transfer normalize saturation planning threads max_memory out progress",
+        "prior weight exponent nsr noise border transfer normalize saturation threads max_memory out progress",
     ),
     **options(rs.psfs, (LOG, CAMERA, EXPOSURE), "mode bands strips nsr motion translation softness"),
     "plan: options": lambda x: rs.plan(LOG, CAMERA, EXPOSURE, x),
@@ -388,12 +377,11 @@ CALLS: dict[str, Door] = {
     "cut: rows": lambda x: BANK.cut(x, slice(0, 9)),
     "turned: height": BANK.turned,
     "Deconvolver: bank": lambda x: rs.Deconvolver(x, SHAPE),
-    **options(rs.Deconvolver, (BANK, SHAPE), "nsr border planning threads"),
+    **options(rs.Deconvolver, (BANK, SHAPE), "nsr border threads"),
     "Deconvolver.apply: image": lambda x: wiener().apply(x),
-    "Deconvolver.replan: bank": lambda x: wiener().replan(x),
     "TileQuadratic.apply: image": lambda x: tiles().apply(x, prior=PRIOR),
     "RowDeconvolver: paths": lambda x: deconv.RowDeconvolver(x, SHAPE),
-    **options(deconv.RowDeconvolver, (PATHS, SHAPE), "nsr border planning threads"),
+    **options(deconv.RowDeconvolver, (PATHS, SHAPE), "nsr border threads"),
     "RowDeconvolver.apply: image": lambda x: rows().apply(x),
     "RowBlur: paths": lambda x: deconv.RowBlur(x, 48),
     "forward: latent": lambda x: blur().forward(x),
@@ -406,7 +394,6 @@ CALLS: dict[str, Door] = {
     "refine of several: exposure": lambda x: rs.refine([PLAIN] * 2, LOG, CAMERA, [x] * 2),
     **options(rs.Uncertainty, (), "scale drift offset readout roll"),
     **options(rs.Correction, (), "scale drift_x drift_y offset readout roll"),
-    "Estimate: value": lambda x: rs.calibration.Estimate(x, 0.1, "s"),
     "calibrate: exposures": lambda x: rs.calibrate([PLAIN] * 2, x, LOG, CAMERA),
     **options(rs.calibrate, ([PLAIN] * 2, [EXPOSURE] * 2, LOG, CAMERA), "search progress"),
     "simulate_clip: exposures": lambda x: list(rs.simulate_clip(PLAIN, LOG, CAMERA, x)),

@@ -43,7 +43,7 @@ def figures(quick: bool) -> Iterator[Figure]:
             jobs[size, threads] = transform(*size, threads)
     with tempfile.TemporaryDirectory() as folder:
         for threads in (1, 2):
-            solver = Deconvolver(case.bank(1), case.shape, nsr=NSR, planning="measure", threads=threads)
+            solver = Deconvolver(case.bank(1), case.shape, nsr=NSR, threads=threads)
             jobs["deconvolution", threads] = lambda solver=solver: solver.apply(case.blurred)  # type: ignore[misc]
             jobs["whole", threads] = process(case, Path(folder), threads)
         load = machine.load()
@@ -76,7 +76,7 @@ def figures(quick: bool) -> Iterator[Figure]:
         "table1",
         "Table 1: times",
         "Milliseconds: theirs on a phone of 2012 without NEON, with NEON on one core and on two; ours (FFTW, float32, "
-        "measured plans) with one thread and with two, on this machine. A colour picture takes 7 transforms, one of "
+        "estimated plans) with one thread and with two, on this machine. A colour picture takes 7 transforms, one of "
         "the PSF and 2 of each channel; the times here are those of the latter 6, after planning. The whole process "
         "reads a JPEG of 3264x2448, reduces it to 2048x1536, makes the PSF, deconvolves and writes a JPEG. Times whose "
         'quartiles are more than 15 % of the median apart are left out ("-").',

@@ -1,21 +1,24 @@
-"""Parts of binary files: tags of EXIF blocks and TIFF files, boxes of videos (ISO/IEC 14496-12), basE91 (Henke)."""
+"""Parts of binary files: tags of EXIF blocks and TIFF files, basE91 (Henke)."""
 
 from __future__ import annotations
 
-import os
 import struct
+import zlib
 from collections.abc import Collection
 from contextlib import suppress
-from fractions import Fraction
-from mmap import mmap
-from typing import Any, BinaryIO
+from tokenize import TokenError
+from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from PIL.ExifTags import IFD, Base
 from tifffile import TIFF
 
-# Errors that damaged blocks raise.
-DAMAGE = (SyntaxError, ValueError, TypeError, LookupError, struct.error, OSError)
+# Errors that damaged files are known to raise, also in Pillow, imagecodecs, zipfile and NumPy.
+DAMAGE = (
+    *(OSError, EOFError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, RuntimeError),
+    *(struct.error, zlib.error, SyntaxError, AssertionError, BadZipFile, TokenError),
+)
 PREFIX = b"Exif\0\0"
 ORIENTATION = Base.Orientation
 # Kinds of whole numbers in TIFF.
@@ -30,7 +33,7 @@ Tags = dict[int, "tuple[int, int, bytes] | Tags"]
 class Directory:
     """A directory in the bytes of a block or of a TIFF file, whose entries may be changed in place."""
 
-    def __init__(self, data: bytes | bytearray | mmap, start: int | None = None) -> None:
+    def __init__(self, data: bytes | bytearray, start: int | None = None) -> None:
         if bytes(data[:4]) not in (b"II*\0", b"MM\0*"):
             raise ValueError("it does not begin like TIFF")
         self.data: Any = data
@@ -49,22 +52,6 @@ class Directory:
         if place is None or kind not in (SHORT, LONG, 13):  # 13: the place of a table
             return 0
         return self.unpack("H" if kind == SHORT else "I", place + 8)
-
-    def set(self, tag: int, kind: int, value: int) -> None:
-        """Change a number that is there."""
-        if (place := self.places.get(tag)) is not None:
-            form = "HHI" + ("I" if kind == LONG else "Hxx")
-            struct.pack_into(self.order + form, self.data, place, tag, kind, 1, value)
-
-    def scale(self, tag: int, by: Fraction) -> None:
-        """Multiply a ratio of two numbers that is there."""
-        if (entry := self.places.get(tag)) is None:
-            return
-        place = self.unpack("I", entry + 8)
-        above, below = struct.unpack_from(f"{self.order}II", self.data, place)
-        scaled = (Fraction(above, below or 1).limit_denominator(10**6) * by).limit_denominator(10_000)
-        if below and scaled.numerator < 2**32:
-            struct.pack_into(f"{self.order}II", self.data, place, *scaled.as_integer_ratio())
 
     def value(self, tag: int) -> tuple[int, int, bytes]:
         """Return kind, number and bytes of the values of a tag."""
@@ -96,11 +83,8 @@ class Directory:
         return {tag: value for tag, value in found.items() if value}
 
 
-def tags_of(data: bytes | mmap, wanted: Collection[int] | None = None) -> Tags:
-    """Return the tags of an EXIF block or of a classic TIFF file, or only the `wanted` ones of the first directory.
-
-    Raises ValueError, LookupError or `struct.error` if the first directory is damaged.
-    """
+def tags_of(data: bytes, wanted: Collection[int] | None = None) -> Tags:
+    """Return the tags of an EXIF block or of a classic TIFF file, or only the `wanted` ones of the first directory."""
     return Directory(data[len(PREFIX) :] if data[: len(PREFIX)] == PREFIX else data).tags(wanted)
 
 
@@ -123,45 +107,6 @@ def directory(tags: Tags, start: int) -> bytes:
 def block_of(tags: Tags) -> bytes:
     """Return an EXIF block with these tags."""
     return PREFIX + b"II*\0\x08\0\0\0" + directory(tags, 8)
-
-
-def check_sample_sizes(file: BinaryIO) -> None:
-    """Raise ValueError if a sample claims more bytes than the video has (section 8.7.3).
-
-    Decoders make room for a sample before they read it: a file of 39 kB may take 4 GiB.
-    """
-    # Boxes that lead to the table of sizes.
-    containers = (b"moov", b"trak", b"mdia", b"minf", b"stbl")
-    whole = file.seek(0, os.SEEK_END)
-    # Parts of the file that contain boxes; a list, because a damaged file may nest them without end.
-    parts = [(0, whole)]
-    while parts:
-        place, stop = parts.pop()
-        while place + 8 <= stop:
-            kind, start, place = _box(file, place, stop)
-            if kind in containers:
-                parts.append((start, place))
-            elif kind == b"stsz":
-                file.seek(start)
-                table = file.read(place - start).ljust(12, b"\0")
-                # Version and flags, the size of all samples or 0, their number; then the size of each.
-                _, largest, count = struct.unpack_from(">III", table)
-                each = np.frombuffer(table, ">u4", min(count, (len(table) - 12) // 4), 12)
-                if (largest := largest or int(each.max(initial=0))) > whole:
-                    raise ValueError(f"it claims a sample of {largest} bytes, and has {whole} in all")
-
-
-def _box(file: BinaryIO, place: int, stop: int) -> tuple[bytes, int, int]:
-    """Return the kind of the box at `place`, and where its content begins and ends, at `stop` at the latest."""
-    file.seek(place)
-    size, kind = struct.unpack(">I4s", file.read(8))
-    start = place + 8
-    if size == 1 and start + 8 <= stop:
-        (size,) = struct.unpack(">Q", file.read(8))
-        start += 8
-    # A size of 0 reaches to the end. Nothing can follow a box whose size is less than that of its header.
-    end = place + size if size >= start - place else stop
-    return kind, start, min(end, stop)
 
 
 def base91_decode(text: bytes) -> bytes:

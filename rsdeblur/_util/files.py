@@ -35,11 +35,7 @@ def checked_path(path: str | os.PathLike[str]) -> Path:
 
 
 def open_file(path: str | os.PathLike[str], what: str) -> BinaryIO:
-    """Open a regular file for reading; the caller closes it.
-
-    A `FileFormatError`, in which `what` names the kind of file, says that the file does not exist, cannot be read, or
-    is a folder, a pipe or a device.
-    """
+    """Open a regular file for reading, which the caller closes; a `FileFormatError` calls it a `what`."""
     path = checked_path(path)
     try:
         file = open(path, "rb", opener=_open_at_once)  # noqa: SIM115 (the caller closes it)
@@ -53,11 +49,10 @@ def open_file(path: str | os.PathLike[str], what: str) -> BinaryIO:
     return file
 
 
-def read_file(path: str | os.PathLike[str], what: str, start: int = 0, size: int = -1) -> bytes:
-    """Return the content of a regular file, or `size` bytes from `start` on; see :func:`open_file`."""
+def read_file(path: str | os.PathLike[str], what: str, size: int = -1) -> bytes:
+    """Return the content of a regular file, or its first `size` bytes; see :func:`open_file`."""
     with open_file(path, what) as file:
         try:
-            file.seek(start)
             return file.read(size)
         except OSError as error:
             raise _unreadable(path, what, error) from error
@@ -92,11 +87,7 @@ def _unreadable(path: str | os.PathLike[str], what: str, error: OSError | ValueE
 
 
 def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
-    """Check, before long work, that `atomic_write` can write its result to `path`.
-
-    An `OutputError` says that the folder is missing or not writable, that `path` is a folder, a pipe or a device, or
-    that it exists although it may not be replaced (`force`).
-    """
+    """Raise `OutputError`, before long work, if `path` cannot be written, or exists without `force`."""
     target = _target(path)
     if target.exists() and not force:
         raise OutputError(f"{path}: the file exists; {REPLACE}")
@@ -112,44 +103,23 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
     If the block raises, the temporary file is removed and `path` is unchanged. If `path` is a symbolic link, the file
     that it points to is replaced. Mode and extended attributes of a replaced file are kept.
-
-    An `OutputError` says that the folder is missing or not writable, that the disk is full, or that `path` is a folder,
-    a pipe or a device.
     """
     target = _target(path)
     try:
         with temporary_beside(target) as file:
             yield file
             file.flush()
-            with _where_supported():
+            try:
                 os.fsync(file.fileno())
+            except OSError as error:  # some file systems cannot synchronise; those of a full or broken disk raise
+                if error.errno not in (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EPERM):
+                    raise
             file.close()  # Windows does not rename an open file
             os.replace(file.name, target)
     except OutputError:
         raise
     except OSError as error:
         raise OutputError(f"{path}: cannot write the file: {error.strerror or error}") from error
-
-
-def reserve(file: BinaryIO) -> None:
-    """Take the disk space for the holes of an open file, where the system can; its memory map takes it piece by piece.
-
-    A full disk is an `OSError` here; for a process that writes through the map it is a fatal signal.
-    """
-    file.flush()
-    if hasattr(os, "posix_fallocate"):  # not on macOS and Windows
-        with _where_supported():
-            os.posix_fallocate(file.fileno(), 0, os.fstat(file.fileno()).st_size)
-
-
-@contextmanager
-def _where_supported() -> Iterator[None]:
-    """Ignore errors of file systems that cannot reserve space or synchronise; those of a full or broken disk raise."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EPERM):
-            raise
 
 
 def remove_unfinished(path: str | os.PathLike[str]) -> None:

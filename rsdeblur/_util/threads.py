@@ -45,10 +45,7 @@ class ThreadTeam:
 
     @contextmanager
     def turn(self) -> Iterator[None]:
-        """Wait for other threads, and hold the lock while a picture is solved.
-
-        A thread that is already solving a picture is refused: a function that the solver calls would spoil its buffers.
-        """
+        """Hold the lock while a picture is solved; refuse a thread that is solving one, which needs its buffers."""
         with self.lock:
             if self._taken:
                 raise InputError(
@@ -71,10 +68,7 @@ class ThreadTeam:
 
 
 def share(work: Callable[[int, int], None], tasks: Sequence[int], threads: int | None) -> None:
-    """Call `work(thread, task)` for every task, as :meth:`ThreadTeam.share` does, in threads that end with the call.
-
-    `work` must give the same results in any order of the tasks. None means as many threads as processors.
-    """
+    """Call `work(thread, task)` for every task, in any order, by threads that end with the call."""
     threads = min(thread_count(threads), len(tasks))
     with _pool(threads) if threads > 1 else nullcontext() as pool:
         _share(pool, threads, work, tasks)
@@ -93,10 +87,7 @@ def share_map(function: Callable[[Item], Result], items: Sequence[Item], threads
 
 @contextmanager
 def beside(function: Callable[[], Result], threads: int | None) -> Iterator[Callable[[], Result]]:
-    """Let another thread call `function` while the body runs; the body gets a function that waits for the result.
-
-    If `threads` allows only one thread, the body's function calls `function` itself.
-    """
+    """Let another thread, if allowed, call `function` beside the body, which gets a function for the result."""
     if thread_count(threads) == 1:
         yield function
         return
@@ -118,10 +109,7 @@ def share_range(work: Callable[[int, int], None], count: int, threads: int | Non
 def share_blocks(
     work: Callable[[int, slice, slice], None], shape: tuple[int, int], block: tuple[int, int], threads: int | None
 ) -> None:
-    """Call `work(thread, rows, columns)` for blocks that cover a picture, shared by threads as in :func:`share`.
-
-    `shape` and `block` are height and width of the picture and of a block, px; the last blocks may be smaller.
-    """
+    """Call `work(thread, rows, columns)` for blocks of a picture, both of a height and width in px, by threads."""
     (height, width), (tall, wide) = shape, block
     corners = [(top, left) for top in range(0, height, tall) for left in range(0, width, wide)]
 

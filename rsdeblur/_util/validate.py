@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Collection, Iterable
 from typing import Any, TypeGuard, TypeVar
 
@@ -27,13 +26,6 @@ MOST_STRENGTH = 1e20
 # Most values of a picture: 500 megapixels of four channels.
 MOST_VALUES = 2_000_000_000
 
-# Functions that read an object from a file, for those who pass the path of the file.
-READERS = {"GyroLog": "rsdeblur.read_gyro", "Camera": "rsdeblur.read_camera", "PsfBank": "rsdeblur.PsfBank.load"}
-
-# Arguments that are pictures, for those who pass a file or what `read_picture` returns.
-PICTURES = {"image", "sharp"}
-LAZY = "pass .compute(), or keep it in a file: numpy.load(..., mmap_mode='r') with max_memory= and out="
-
 Kind = TypeVar("Kind")
 Item = TypeVar("Item")
 
@@ -42,11 +34,9 @@ def instance(name: str, value: object, kind: type[Kind], *others: type[Kind]) ->
     """Return `value`, which must be a `kind` or one of the `others`."""
     if isinstance(value, kind) or isinstance(value, others):  # noqa: SIM101 (as mypy understands it)
         return value
-    hint, kinds = "", " or ".join(each.__name__ for each in (kind, *others))
-    if isinstance(value, (str, os.PathLike)) and kind.__name__ in READERS:
-        hint = f"; {READERS[kind.__name__]} reads one from a file"
+    kinds = " or ".join(each.__name__ for each in (kind, *others))
     article = "an" if kinds[0] in "AEIO" else "a"
-    raise InputError(f"{name} must be {article} {kinds}, got {shown(value)}{hint}")
+    raise InputError(f"{name} must be {article} {kinds}, got {shown(value)}")
 
 
 def shown(value: object) -> str:
@@ -185,10 +175,8 @@ def array(name: str, value: ArrayLike) -> NDArray[Any]:
         raise InputError(f"{name} must not be a masked array: choose values for masked elements with .filled()")
     if value is None:
         raise InputError(f"{name} must be an array of real numbers, got None")
-    if (graph := getattr(value, "__dask_graph__", None)) is not None and graph() is not None:
-        raise InputError(f"{name} is lazy (a Dask graph) and would be computed whole; {LAZY}")
-    if name in PICTURES and (hint := _other_picture(value)):
-        raise InputError(f"{name} must be an array, got {shown(value)}; {hint}")
+    if hasattr(value, "pixels"):
+        raise InputError(f"{name} must be an array, got {shown(value)}; pass its .pixels")
     try:
         numbers = np.asarray(value)
         if numbers.dtype.kind == "O" and not isinstance(value, np.ndarray):  # fractions, integers beyond 64 bits
@@ -196,24 +184,13 @@ def array(name: str, value: ArrayLike) -> NDArray[Any]:
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be an array of real numbers: {error}") from None
     if numbers.dtype.kind not in "biuf":
-        raise InputError(f"{name} must be an array of real numbers, got {_kind(value, numbers)}")
+        raise InputError(f"{name} must be an array of real numbers, got {shown(value)} of type {numbers.dtype}")
     return numbers
-
-
-def _other_picture(value: object) -> str:
-    """Return how to make an array of a picture in another form; empty for other values."""
-    if isinstance(value, (str, os.PathLike)):
-        return "rsdeblur.read_picture(path).pixels reads a file"
-    return "pass its .pixels" if hasattr(value, "pixels") else ""
 
 
 def is_plain(value: object) -> TypeGuard[NDArray[Any]]:
     """Return whether `value` is an array whose elements all count and whose parts may have any number of axes."""
     return isinstance(value, np.ndarray) and not isinstance(value, (np.ma.MaskedArray, np.matrix))
-
-
-def _kind(value: object, numbers: NDArray[Any]) -> str:
-    return str(numbers.dtype) if isinstance(value, np.ndarray) or numbers.dtype.kind == "c" else shown(value)
 
 
 def real_array(
@@ -260,14 +237,9 @@ def linear_light(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDAr
     """
     light = array("image", image)
     kind = light.dtype.kind
-    if kind in "iu":
-        white = np.iinfo(light.dtype).max if kind == "u" else "full_scale"
-        raise InputError(
-            f"image must be linear light as floats, got {light.dtype}; convert encoded values with "
-            f'rsdeblur.image.transfer.to_linear(image.astype("float32") / {white}, "srgb")'
-        )
     if kind != "f":
-        raise InputError(f"image must be linear light as floats, got {light.dtype}")
+        hint = "; convert encoded values with rsdeblur.image.transfer.to_linear" if kind in "iu" else ""
+        raise InputError(f"image must be linear light as floats, got {light.dtype}{hint}")
     if shape is None and (light.ndim not in (2, 3) or light.size == 0):
         raise InputError(f"image must have shape (H, W) or (H, W, C), got {light.shape}")
     if shape is not None and light.shape != shape:

@@ -1,15 +1,11 @@
-"""Many tasks in worker processes, through `concurrent.futures`.
-
-A task that fails does not stop the others, nor does one whose process dies.
-"""
+"""Many tasks in worker processes; one that fails, or whose process dies, does not stop the others."""
 
 from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from multiprocessing import active_children, get_context, parent_process
@@ -22,7 +18,7 @@ from rsdeblur.errors import RsdeblurError
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 
-DIED = "its process died, twice (out of memory, perhaps)"
+DIED = "its process died; if the memory is too small, use fewer --jobs or --max-memory"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,63 +39,55 @@ def run(
 
     To stop early, close the iterator (`contextlib.closing`): it ends the workers at once.
     """
-    waiting, lost = iter(tasks), lost or (lambda task: None)
-    while died := (yield from _answers(jobs, work, waiting, lost)):
-        # Nobody knows whose process died first: each is tried once more, alone.
-        for task in died:
-            for again in (yield from _answers(1, work, iter([task]), lost)):
-                yield again, Failure(DIED)
-
-
-def _answers(
-    jobs: int,
-    work: Callable[[Task], Answer],
-    waiting: Iterator[Task],
-    lost: Callable[[Task], None],
-) -> Generator[tuple[Task, Answer | Failure], None, list[Task]]:
-    """Yield answers until there are no more tasks, or a process dies; then return the tasks without an answer."""
-    running, died = dict[Future[Any], Task](), list[Task]()
+    waiting, running = iter(tasks), dict[Future[Any], tuple[Task, Executor]]()
+    # Each worker has a pool of its own, so that one that dies takes no other task with it.
+    idle = [_worker() for _ in range(jobs)]
     try:
-        with _processes(jobs) as pool:
-            while True:
-                for task in islice(waiting, 0 if died else jobs - len(running)):
-                    try:
-                        with _blocked_signals():
-                            running[pool.submit(attempt, work, task)] = task
-                    except BrokenExecutor:  # a process died between two tasks
-                        died.append(task)
-                        break
-                if not running:
-                    return died
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    task = running.pop(future)
-                    # `attempt` catches what `work` raises.
-                    if future.exception() is None:
-                        yield task, future.result()
-                    else:
-                        died.append(task)
-    finally:
-        # Their processes have ended.
-        for task in (*running.values(), *died):
-            lost(task)
-
-
-@contextmanager
-def _processes(jobs: int) -> Iterator[Executor]:
-    # Forking a process whose libraries have threads is not safe.
-    pool = ProcessPoolExecutor(jobs, get_context("spawn"), _begin)
-    try:
-        yield pool
+        while True:
+            for task in islice(waiting, len(idle)):
+                worker = idle.pop()
+                running[_submit(worker, work, task)] = task, worker
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                task, worker = running.pop(future)
+                # `attempt` catches what `work` raises.
+                has_died = future.exception() is not None
+                if has_died and lost is not None:
+                    lost(task)
+                idle.append(_worker() if has_died else worker)
+                yield task, Failure(DIED) if has_died else future.result()
     except BaseException:
-        for worker in active_children():
-            worker.terminate()
+        for process in active_children():
+            process.terminate()
         raise
     finally:
-        pool.shutdown(cancel_futures=True)
+        for worker in [*idle, *(worker for _, worker in running.values())]:
+            worker.shutdown(cancel_futures=True)
+        for task, _ in running.values():
+            if lost is not None:
+                lost(task)
+
+
+def _worker() -> Executor:
+    # Forking a process whose libraries have threads is not safe.
+    return ProcessPoolExecutor(1, get_context("spawn"), _begin)
+
+
+def _submit(worker: Executor, work: Callable[[Task], Answer], task: Task) -> Future[Any]:
+    try:
+        return worker.submit(attempt, work, task)
+    except BrokenExecutor as error:  # it died between two tasks
+        failed: Future[Any] = Future()
+        failed.set_exception(error)
+        return failed
 
 
 def _begin() -> None:
-    """Prepare a worker: it uses its memory again, and ends when its parent is killed."""
+    """Prepare a worker: it uses its memory again, and ends when its parent is killed, but not by Ctrl-C."""
+    for name in ("SIGINT", "SIGHUP"):
+        if hasattr(signal, name):  # Windows has no SIGHUP
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     memory.keep()
     parent = parent_process()
     assert parent is not None
@@ -109,19 +97,6 @@ def _begin() -> None:
         os._exit(1)
 
     Thread(target=follow, daemon=True).start()
-
-
-@contextmanager
-def _blocked_signals() -> Iterator[None]:
-    """Start no process that Ctrl-C or a closed terminal would end with a traceback: the parent ends its workers."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def attempt(work: Callable[[Task], Answer], task: Task) -> Answer | Failure:

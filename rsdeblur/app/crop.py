@@ -21,11 +21,7 @@ from rsdeblur.psf import PsfBank
 
 
 class Basis(NamedTuple):
-    """Decisions that the whole picture makes for its crops.
-
-    These are the strengths of the solution, in px of the upright frame the height and width of a tile and of the
-    kernels, and the mode.
-    """
+    """Decisions of a whole picture for its crops: strengths, px of a tile and of the kernels when upright, and mode."""
 
     strengths: Strengths
     tile: tuple[float, float]
@@ -74,10 +70,7 @@ class Crop(NamedTuple):
 
 
 def derive_basis(pixels: NDArray[Any], log: GyroLog, camera: Camera, exposure: Exposure, options: Options) -> Basis:
-    """Return the strengths and tiles of the whole picture, shape (H, W) or (H, W, C).
-
-    They hold for its crops also with another clock, readout or focal length.
-    """
+    """Return the strengths and tiles of a whole picture; they hold for its crops with another clock or lens, too."""
     prepared = plan(log, camera, exposure, options).prepare(pixels)
     assert prepared.strengths is not None
     assert prepared.bank is not None

@@ -19,8 +19,8 @@ import socketserver
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from html import escape
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -34,11 +34,6 @@ from urllib.parse import parse_qs
 from rsdeblur.errors import InputError, OutputError, RsdeblurError
 from rsdeblur.pipeline.options import Options
 from rsdeblur.report.page import document, part
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
 
 LOOPBACK = "127.0.0.1"
 # Content type and most bytes of a request's body: a form, and a photo or log.
@@ -193,10 +188,6 @@ class _Handler(BaseHTTPRequestHandler):
             return HTTPStatus.OK, self.server.actions[name](form)
         except RsdeblurError as error:
             return HTTPStatus.UNPROCESSABLE_ENTITY, {"error": str(error)}
-        except MemoryError:
-            return HTTPStatus.UNPROCESSABLE_ENTITY, {
-                "error": "not enough memory; close other programs, or use the command with --max-memory"
-            }
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise _Refusal(HTTPStatus.BAD_REQUEST, f"the body is not the JSON of a form: {error}") from error
         except Exception as error:
@@ -233,22 +224,23 @@ class Uploads:
     """
 
     def __init__(self) -> None:
-        _remove_abandoned()
+        for folder in Path(gettempdir()).glob(f"{PREFIX}*"):
+            # Those of other users cannot be opened.
+            with suppress(OSError), _locked(folder):
+                shutil.rmtree(folder, ignore_errors=True)
         self._making = threading.Lock()
         self._make()
 
     def _make(self) -> None:
-        self._folder, self._lock = Path(mkdtemp(prefix=PREFIX)), None
+        self._folder, self._lock = Path(mkdtemp(prefix=PREFIX)), ExitStack()
         # Another app that starts may remove the folder before it is locked; `fill` makes another one.
         with suppress(OSError):
-            self._lock = _locked(self._folder)
+            self._lock.enter_context(_locked(self._folder))
 
     def close(self) -> None:
         """Remove the files."""
         shutil.rmtree(self._folder, ignore_errors=True)
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
+        self._lock.close()
 
     def keep(self, name: str, content: bytes) -> Path:
         """Write a file, and return its path, which has the last part of `name`."""
@@ -258,42 +250,37 @@ class Uploads:
             raise InputError("the file has no usable name; rename it")
 
         def write(folder: Path) -> Path:
-            path = folder / clean
-            path.write_bytes(content)
-            return path
+            (folder / clean).write_bytes(content)
+            return folder / clean
 
         return self.fill(clean, write)
 
     def fill(self, what: str, write: Callable[[Path], T]) -> T:
         """Return what `write` returns for a new folder, which is removed if it fails; `what` names its content."""
-        folder = None
-        try:
-            with self._making:
-                if not self._folder.is_dir():  # somebody has cleaned up
-                    self.close()
-                    self._make()
-            folder = Path(mkdtemp(dir=self._folder))
-            return write(folder)
-        except BaseException as error:
-            if folder is not None:
-                shutil.rmtree(folder, ignore_errors=True)
-            if not isinstance(error, OSError):
-                raise
-            reason = error.strerror or plain(str(error))
-            raise OutputError(
-                f"{what}: cannot write to the temporary folder {gettempdir()}: {reason}; free space there, or set "
-                "TMPDIR to another folder and start the app again"
-            ) from error
+        with ExitStack() as undo:
+            try:
+                with self._making:
+                    if not self._folder.is_dir():  # somebody has cleaned up
+                        self.close()
+                        self._make()
+                folder = Path(mkdtemp(dir=self._folder))
+                undo.callback(shutil.rmtree, folder, ignore_errors=True)
+                result = write(folder)
+            except OSError as error:
+                raise OutputError(
+                    f"{what}: cannot write to the temporary folder {gettempdir()}: "
+                    f"{error.strerror or plain(str(error))}; free space there, or set TMPDIR to another folder, and "
+                    "start the app again"
+                ) from error
+            undo.pop_all()
+        return result
 
     def has(self, path: Path) -> bool:
         """Return whether a path leads to one of the files."""
         return path.is_relative_to(self._folder)
 
     def browse(self, address: str) -> None:
-        """Open `address` in a browser, through a file that only this user can read, and return at once.
-
-        The system shows the arguments of a browser to every user, so `address`, with its token, must not be one.
-        """
+        """Open `address`, which has the token, through a private file: every user sees a browser's arguments."""
         path = self._folder / "open.html"
         url = escape(address)
         page = f'<meta http-equiv="refresh" content="0; url={url}"><a href="{url}">rsdeblur app</a>\n'
@@ -313,23 +300,15 @@ def _browse(address: str) -> None:
         webbrowser.open(address)
 
 
-def _locked(folder: Path) -> int | None:
-    """Return a descriptor that locks a folder until it is closed; None without such locks. OSError: it is in use."""
-    if fcntl is None:
-        return None
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Lock a folder during the block; OSError if it is in use."""
+    # Windows does not open folders, and has no such locks.
     descriptor = os.open(folder, os.O_RDONLY)
     try:
+        import fcntl
+
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+        yield
+    finally:
         os.close(descriptor)
-        raise
-    return descriptor
-
-
-def _remove_abandoned() -> None:
-    """Remove the folders that no app has locked; those of other users cannot be opened."""
-    for folder in Path(gettempdir()).glob(f"{PREFIX}*"):
-        with suppress(OSError):
-            if (lock := _locked(folder)) is not None:
-                shutil.rmtree(folder, ignore_errors=True)
-                os.close(lock)

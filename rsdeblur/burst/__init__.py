@@ -1,6 +1,6 @@
 """Several frames of one scene, shaken differently, deblurred together: :func:`rsdeblur.deblur_burst`.
 
-`frames` resamples them, `fit` compares and weighs them, `alignment` chooses the reference, and `solution` solves them.
+`frames` resamples, compares and weighs them, `alignment` chooses the reference, and `solution` solves them.
 """
 
 import lazy_loader

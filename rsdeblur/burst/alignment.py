@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share, share_map, thread_count
@@ -25,8 +26,6 @@ LEAST_SUPPORT = 0.5
 # Least variance of a frame that may be the reference, as a share of that of the middle one (a quarter of the light has
 # a sixteenth).
 LEAST_VARIANCE = 0.01
-# Weight of the data of other frames in the choice of the reference: the errors of two motions are in them.
-OTHERS = 0.5
 # Share of the least further error of any frame that is the reference's own; the rest is that of its alignment.
 OWN = 0.5
 # Error of the paths as a share of the PSF's radius, where the least blurred frame of a burst is chosen, before other
@@ -39,15 +38,15 @@ RESAMPLING_ERROR = 0.25
 
 def measured(splits: Sequence[HighlightSplit], captures: Sequence[Capture], options: Options) -> list[Tuning]:
     """Measure each frame on its own; threads share the frames."""
-    threads = min(4, thread_count(options.threads))  # a frame of 12 megapixels takes 0.16 GiB
-    return share_map(lambda n: _measured(splits[n], captures[n], options), range(len(splits)), threads)
-
-
-def _measured(split: HighlightSplit, capture: Capture, options: Options) -> Tuning:
     noise = None if options.noise == "auto" else options.noise
-    rows, bank = tuned_part(split.encoded.shape, few_psfs(capture, threads=1))
-    one_filter, continued = options.has_one_psf, options.mode_in_effect != "rowwise"
-    return Tuning.of(split.remainder(rows), bank, noise=noise, one_filter=one_filter, continued=continued)
+
+    def measure(n: int) -> Tuning:
+        rows, bank = tuned_part(splits[n].encoded.shape, few_psfs(captures[n], threads=1))
+        one_filter, continued = options.has_one_psf, options.mode_in_effect != "rowwise"
+        return Tuning.of(splits[n].remainder(rows), bank, noise=noise, one_filter=one_filter, continued=continued)
+
+    # A frame of 12 megapixels takes 0.16 GiB.
+    return share_map(measure, range(len(splits)), min(4, thread_count(options.threads)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,33 +76,24 @@ def aligned(
     clock: StageClock,
     threads: int | None,
 ) -> AlignedBurst:
-    """Fit all frames to the reference, or to the candidate that promises most; threads share the frames.
+    """Fit all frames to the reference, or to the sharpest frame that most others agree with; threads share the frames.
 
-    Candidates are tried, the sharpest first, until most others agree with one. Among these, the data that fit a
-    candidate, its own and those of the others, each as good as its expected error is small, decide. Most of the work is
-    many steps on small pictures, which threads could not share.
+    Most of the work is many steps on small pictures, which threads could not share.
     """
     if not validate.is_auto(reference):
-        candidates, errors = [int(reference)], np.ones(len(splits))
-    else:
-        # A frame of a covered lens expects no error, because it shows nothing; it is no reference.
-        variances = np.array([split.remainder(slice(None), step=4).var() for split in splits])
-        faint = variances < LEAST_VARIANCE * np.median(variances)
-        energy = float(np.mean([tunings[n].energy for n in np.flatnonzero(~faint).tolist()]))
-        errors = np.array([restoration_error(tuning, energy) for tuning in tunings])
-        errors[faint] = np.inf
-        candidates = [int(n) for n in np.argsort(errors, kind="stable")]
-    best, most = None, 0.0
-    for index in candidates:
-        burst = _fitted(index, splits, captures, tunings, clock, threads)
-        supports = [1.0 if frame.fit is None else OTHERS * frame.fit.support for frame in burst.frames]
-        data = float((np.array(supports) / np.maximum(errors, np.finfo(float).tiny)).sum())
-        if best is None or data > most:
-            best, most = burst, data
-        if 2 * (len(burst.used) - 1) >= len(splits) - 1:
-            break
-    assert best is not None
-    return best
+        return _fitted(int(reference), splits, captures, tunings, clock, threads)
+    # A frame of a covered lens expects no error, because it shows nothing; it is no reference.
+    variances = np.array([split.remainder(slice(None), step=4).var() for split in splits])
+    faint = variances < LEAST_VARIANCE * np.median(variances)
+    energy = float(np.mean([tunings[n].energy for n in np.flatnonzero(~faint).tolist()]))
+    errors = np.array([restoration_error(tuning, energy) for tuning in tunings])
+    errors[faint] = np.inf
+    tried = []
+    for index in np.argsort(errors, kind="stable").tolist():
+        tried.append(_fitted(index, splits, captures, tunings, clock, threads))
+        if 2 * (len(tried[-1].used) - 1) >= len(splits) - 1:
+            return tried[-1]
+    return max(tried, key=lambda burst: len(burst.used))
 
 
 def _fitted(
@@ -149,9 +139,7 @@ def _fitted(
     return AlignedBurst(index, tuple(frames))
 
 
-def combined(
-    frames: Sequence[Tuning], *, tile_errors: Sequence[float] | None = None
-) -> tuple[Tuning, tuple[float, ...]]:
+def combined(frames: Sequence[Tuning], tile_errors: ArrayLike = 0.0) -> tuple[Tuning, tuple[float, ...]]:
     """Return the measurements of a picture as informative as all frames together, and the share of each frame.
 
     The first frame is the reference, whose energy counts for all. The share of a frame is the inverse of its
@@ -161,8 +149,7 @@ def combined(
     """
     first = frames[0]
     power = np.array([frame.noise_power(first.energy) for frame in frames])
-    errors = np.zeros(len(frames)) if tile_errors is None else np.array(tile_errors, dtype=np.float64)
-    errors[1:] += RESAMPLING_ERROR**2
+    errors = np.asarray(tile_errors) + RESAMPLING_ERROR**2 * (np.arange(len(frames)) > 0)
     # What is wrong by e px changes the blurred picture by e times its gradient.
     left = np.array([frame.spectra.gradient_left for frame in frames])
     precision = 1.0 / (power + first.energy * left * errors)
@@ -192,19 +179,13 @@ def with_path_errors(tuning: Tuning, share: float) -> Tuning:
 
 
 def path_error_share(tuning: Tuning, other: Tuning, error: float) -> float:
-    """Return the further errors of the paths as a share of both radii, up to 1.
-
-    `error` is the mean square of the errors of both frames together, px^2.
-    """
+    """Return the further errors of the paths as a share of both radii, up to 1; `error` is that of both, px^2."""
     excess = max(error - tuning.path_error - other.path_error, 0.0)
     return float(np.sqrt(min(excess / max(tuning.radius**2 + other.radius**2, PATH_ERROR**2), 1.0)))
 
 
 def restoration_error(tuning: Tuning, energy: float) -> float:
-    """Return the expected mean squared error of the best linear restoration from a frame alone.
-
-    `energy` is E of the sharp picture.
-    """
+    """Return the expected mean squared error of the best linear restoration from a frame alone, if E is `energy`."""
     signal = energy * tuning.spectra.signal
     errors = energy * (FRAME_ERROR_SHARE * tuning.radius) ** 2
     noise = tuning.noise_power(energy) + errors + tuning.border_error * signal

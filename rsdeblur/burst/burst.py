@@ -19,15 +19,15 @@ from rsdeblur.errors import InputError
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.refine import REFINED_FRAMES, Refinement, refine
 from rsdeblur.image.encoded import EncodedImage, ReadoutFrame, check_size, result_like
+from rsdeblur.image.mending import UndershootMeter
 from rsdeblur.motion.alignment import burst_captures
 from rsdeblur.motion.arguments import check_recording, exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import Capture
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
-from rsdeblur.pipeline.steps import StageClock, blendable, judged, split_highlights
+from rsdeblur.pipeline.steps import StageClock, blendable, judged, solve_chunks, split_highlights
 from rsdeblur.pipeline.tiles import with_mode
 from rsdeblur.types import Float32Array, Progress
 
@@ -194,7 +194,8 @@ def deblur_burst(
     if isinstance(out, np.ndarray) and any(np.may_share_memory(out, np.asarray(image)) for image in images[1:]):
         raise InputError("out must not overlap images")
     out, upright = result_like(images[0], out, frame)
-    captures = _captures(log, frame, exposures, chosen)
+    translation, motion = frame.translation(chosen.translation), chosen.motion
+    captures = burst_captures(log, frame.camera, exposures, translation, motion=motion, softness=chosen.softness)
     chosen = with_mode(chosen, captures)
     splits = split_highlights(encoded, chosen, captures, clock)
     with clock.stage("tune"):
@@ -203,18 +204,18 @@ def deblur_burst(
         burst = aligned(splits, captures, tunings, reference, clock, chosen.threads)
     with clock.stage("psfs"):
         solution = BurstSolution.of(burst, chosen)
-    first, used = burst.reference.encoded, [burst.frames[n] for n in burst.used]
-    pairs = [(each.encoded, each.alignment.capture) for each in used]
+    first, meter = burst.reference, UndershootMeter(burst.reference.encoded.shape[0])
+    pairs = [(frame.encoded, frame.alignment.capture) for frame in solution.frames]
     evidence = partial(MotionEvidence.of_burst, pairs, threads=chosen.threads)
-    with blendable(upright, first, chosen) as target:
-        coverage, meter = solution.run(target, clock)
-        check = judged(first, target, evidence, meter, chosen, clock)
+    with blendable(upright, first.encoded, chosen) as target:
+        coverage = solve_chunks(first.split, target, solution, clock, meter=meter, capture=first.alignment.capture)
+        check = judged(first.encoded, target, evidence, meter, chosen, clock)
     bank, strengths = solution.bank, solution.strengths
     shares = dict(zip(burst.used, solution.shares, strict=True))
     return BurstResult(
         DeblurResult(
             image=out,
-            transfer=first.transfer,
+            transfer=first.encoded.transfer,
             psfs=frame.bank(bank),
             bands=len(upright) if chosen.mode_in_effect == "rowwise" else bank.kernels.shape[0],
             strips=bank.kernels.shape[1],
@@ -233,12 +234,6 @@ def deblur_burst(
     )
 
 
-def _captures(log: GyroLog, frame: ReadoutFrame, exposures: Sequence[Exposure], options: Options) -> list[Capture]:
-    """Return the captures of the frames, upright."""
-    translation = frame.translation(options.translation)
-    return burst_captures(log, frame.camera, exposures, translation, motion=options.motion, softness=options.softness)
-
-
 def _refinement(
     images: Sequence[ArrayLike],
     log: GyroLog,
@@ -248,8 +243,7 @@ def _refinement(
     progress: Progress | None,
 ) -> Refinement:
     """Return the correction of the recording by the most blurred frames, which determine it best."""
-    captures = _captures(log, ReadoutFrame(camera), exposures, options)
-    lengths = [capture.mean_length for capture in captures]
+    lengths = [ReadoutFrame(camera).capture(log, each, options.translation).mean_length for each in exposures]
     chosen = sorted(np.argsort(lengths, kind="stable")[-REFINED_FRAMES:].tolist())
     first, *_ = refine(
         [images[n] for n in chosen],

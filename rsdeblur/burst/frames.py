@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.interpolate import RectBivariateSpline
 
 from rsdeblur._util.threads import once
 from rsdeblur.deconv.wiener import TileBlur
@@ -24,7 +25,7 @@ from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
 from rsdeblur.tuning.noise import noise_level
 from rsdeblur.tuning.strength import Tuning
-from rsdeblur.types import Float32Array, FloatArray, FloatImage
+from rsdeblur.types import Float32Array, FloatImage
 
 # Distance in px between the points whose places are traced; between them, interpolation errs by less than 0.01 px for
 # shifts of up to 100 px.
@@ -62,41 +63,10 @@ class FrameFit:
     path_error: float
 
 
-def fit_frame(
-    frame: Float32Array, reference: Float32Array, known: Float32Array, *, noise: float, path_error: float, blur: float
-) -> FrameFit:
-    """Fit a frame to the reference, both (h, w) with the blur of the other added.
-
-    - `known` (h, w) is 1 where both pictures show the scene alone, else 0. There the weight is that of the nearest
-      known place.
-    - `noise` is the expected variance of the noise of the difference, at a gain of 1.
-    - `path_error` is the expected mean square of the errors of the paths, px^2.
-    - `blur` is the mean square radius of both PSFs together, px^2.
-    """
-    shift, gain = _residual_shift(frame, reference, known, blur)
-    misfit, slope = np.square(sampled(frame, shift) / np.float32(gain) - reference), _slope(reference)
-    mean = _window_mean(6)  # half width, px
-    share = np.maximum(mean(known), 1e-6)
-    least = noise + (path_error + SHIFT_ERROR**2) * mean(slope * known) / share
-    least = least + np.square(GAIN_ERROR * mean(reference))
-    ratio = mean(misfit * known) / share / np.maximum(least, np.finfo(np.float32).tiny)
-    if known.any():
-        nearest = ndimage.distance_transform_edt(known == 0, return_distances=False, return_indices=True)
-        ratio = ratio[tuple(nearest)]
-    fading = np.clip((NO_WEIGHT - ratio) / (NO_WEIGHT - FULL_WEIGHT), 0.0, 1.0)
-    weights = (fading * fading * (3.0 - 2.0 * fading)).astype(np.float32)
-    detail = slope * known
-    support = float((weights * detail).sum() / max(float(detail.sum()), np.finfo(np.float32).tiny))
-    trust = weights * known
-    left = float((trust * (misfit - np.float32(noise))).sum())
-    path_errors = max(left, 0.0) / max(float((trust * slope).sum()), float(np.finfo(np.float32).tiny))
-    return FrameFit(gain, shift, weights, support, path_errors)
-
-
 def _residual_shift(
     frame: Float32Array, reference: Float32Array, known: Float32Array, blur: float
 ) -> tuple[Float32Array, float]:
-    """Return the shift (h, w, 2) of the frame in px, and its gain."""
+    """Return the shift (h, w, 2) of the frame in px, and its gain; `blur` is as for both PSFs together, px^2."""
     shift: Float32Array = np.zeros((1, 1, 2), dtype=np.float32)
     gain, last = 1.0, 1
     for (smoothing, part), here, there in zip(LEVELS, _smoothed(reference), _smoothed(frame), strict=True):
@@ -108,7 +78,7 @@ def _residual_shift(
         alike = 4 * np.pi * (smoothing**2 + blur) / step**2
         prior = step**2 / (max(1.0, count / alike) * SHIFT_DEVIATION**2)
         for _ in range(3):  # Newton steps
-            moved = sampled(there, shift)
+            moved = _sampled(there, shift)
             gain = _gain(here, moved, known[::step, ::step])
             moved /= np.float32(gain)
             change = _newton_step(here, moved, known[::step, ::step], _window_mean(radius), prior, shift - start)
@@ -131,13 +101,9 @@ def _smoothed(picture: Float32Array) -> list[Float32Array]:
 
 def _resized(shift: Float32Array, shape: tuple[int, ...], step: float) -> Float32Array:
     """Return a shift field (h, w, 2), in px of its grid, on another grid whose pixels are `step` of these long."""
-    resized = np.empty((*shape, 2), dtype=np.float32)
-    for axis in range(2):
-        ndimage.map_coordinates(
-            shift[..., axis], step * np.indices(shape), output=resized[..., axis], order=1, mode="nearest"
-        )
-    resized /= np.float32(step)
-    return resized
+    places = [step * each for each in np.indices(shape)]
+    resized = [ndimage.map_coordinates(part, places, order=1, mode="nearest") for part in np.moveaxis(shift, -1, 0)]
+    return np.stack(resized, axis=-1).astype(np.float32) / np.float32(step)
 
 
 def _gain(here: Float32Array, moved: Float32Array, known: Float32Array) -> float:
@@ -186,48 +152,13 @@ def _window_mean(radius: int | None) -> Callable[[NDArray[np.floating]], NDArray
     return lambda values: ndimage.uniform_filter(ndimage.uniform_filter(values, radius + 1), radius + 1)
 
 
-def _slope(picture: Float32Array) -> Float32Array:
-    down, across = np.gradient(picture)
-    slope: Float32Array = np.square(down) + np.square(across)
-    return slope
-
-
-def sampled(picture: Float32Array, shift: Float32Array) -> Float32Array:
+def _sampled(picture: Float32Array, shift: Float32Array) -> Float32Array:
     """Return a picture (h, w) at places that differ from its pixels by `shift` (h, w, 2), linearly interpolated."""
     y, x = np.indices(picture.shape, dtype=np.float32)
     values: Float32Array = ndimage.map_coordinates(
         picture, [y + shift[..., 1], x + shift[..., 0]], order=1, mode="nearest", output=np.float32
     )
     return values
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Warp:
-    """Where a frame shows what the reference shows: offsets at nodes, interpolated linearly between them."""
-
-    # Place in the frame minus place in the reference, (x, y) in px, at every `NODE_STEP` px of the reference (m, n, 2).
-    offsets: Float32Array
-
-    @classmethod
-    def of(cls, alignment: Alignment, residual: Float32Array | None = None) -> Warp:
-        """Trace the nodes; `residual` (h, w, 2) is a shift in px of the picture reduced to h x w."""
-        camera = alignment.reference.camera
-        rows, cols = (np.arange(0.0, n + NODE_STEP, NODE_STEP) for n in (camera.height, camera.width))
-        points = np.stack(np.meshgrid(cols, rows), axis=-1)
-        moved = points
-        if residual is not None:
-            factor = camera.width // residual.shape[1]
-            at = [(nodes - (factor - 1) / 2) / factor for nodes in (points[..., 1], points[..., 0])]
-            shift = [
-                ndimage.map_coordinates(part, at, order=1, mode="nearest") for part in np.moveaxis(residual, -1, 0)
-            ]
-            moved = points + factor * np.stack(shift, axis=-1)
-        return cls((alignment.places(moved) - points).astype(np.float32))
-
-    def at(self, rows: FloatArray, cols: FloatArray) -> tuple[Float32Array, Float32Array]:
-        """Return the places x and y in the frame of a grid of the reference, each of shape (len(rows), len(cols))."""
-        x, y = (_interpolated(part, rows / NODE_STEP, cols / NODE_STEP) for part in np.moveaxis(self.offsets, -1, 0))
-        return x + cols.astype(np.float32), y + rows.astype(np.float32)[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,9 +177,16 @@ class BurstFrame:
 
     @property
     @once
-    def warp(self) -> Warp:
-        """Where the frame shows what the reference shows."""
-        return Warp.of(self.alignment, None if self.fit is None else self.fit.shift)
+    def offsets(self) -> Float32Array:
+        """Place in the frame minus place in the reference, (x, y) in px, at nodes `NODE_STEP` px apart (m, n, 2)."""
+        rows, cols = (np.arange(0.0, n + NODE_STEP, NODE_STEP) for n in self.encoded.shape[:2])
+        points = np.stack(np.meshgrid(cols, rows), axis=-1)
+        moved = points
+        if self.fit is not None:
+            shift = [_interpolated(part, *self._reduced(rows, cols)) for part in np.moveaxis(self.fit.shift, -1, 0)]
+            moved = points + self.factor * np.stack(shift, axis=-1)
+        values: Float32Array = (self.alignment.places(moved) - points).astype(np.float32)
+        return values
 
     @property
     @once
@@ -281,17 +219,16 @@ class BurstFrame:
         return noise_level(self.grey[..., None])
 
     def light(self, rows: slice, threads: int | None = None) -> tuple[FloatImage, Float32Array]:
-        """Return the frame at the `rows` of the reference, and its weight there.
+        """Return the linear light of the frame at `rows` of the reference, as bright as that, and its weight there.
 
-        The light (rows, W, C) is linear, with the brightness of the reference. The weight (rows, W) is from 0 to 1, and
-        0 where the frame does not show the place.
+        Their shapes are (rows, W, C) and (rows, W). The weight is 0 where the frame does not show the place.
         """
         assert self.fit is not None
         height, width, channels = self.encoded.shape
-        x, y = self.warp.at(np.arange(rows.start, rows.stop, dtype=float), np.arange(width, dtype=float))
+        grid = np.arange(float(rows.start), float(rows.stop)), np.arange(float(width))
+        x, y = self._places(*grid)
         seen = self._shows(x, y)
-        weights = self._weights(rows)
-        weights *= seen
+        weights = _interpolated(self.fit.weights, *self._reduced(*grid)) * seen
         if not seen.any():
             return np.zeros((*x.shape, channels), dtype=np.float32), weights
         top = max(int(y[seen].min()) - SPLINE_ROWS, 0)
@@ -305,31 +242,27 @@ class BurstFrame:
     def shown_weights(self) -> Float32Array:
         """Weight at each pixel of the reduced reference, shape (h, w); 0 where the frame does not show the place."""
         assert self.fit is not None
-        weights: Float32Array = self.fit.weights * self._shows(*self._reduced_places())
-        return weights
+        return self.fit.weights * self._shows(*self._reduced_places())
 
     def _shows(self, x: Float32Array, y: Float32Array) -> NDArray[np.bool_]:
         """Return whether places of the frame lie in it."""
         height, width, _ = self.encoded.shape
-        shown: NDArray[np.bool_] = np.logical_and(
-            (x >= -ROUNDING) & (x <= width - 1 + ROUNDING), (y >= -ROUNDING) & (y <= height - 1 + ROUNDING)
-        )
-        return shown
+        across, down = (x >= -ROUNDING) & (x <= width - 1 + ROUNDING), (y >= -ROUNDING) & (y <= height - 1 + ROUNDING)
+        return across & down
+
+    def _places(self, rows: NDArray[np.floating], cols: NDArray[np.floating]) -> tuple[Float32Array, Float32Array]:
+        """Return the places x and y in the frame of a grid of the reference, each of shape (len(rows), len(cols))."""
+        x, y = (_interpolated(part, rows / NODE_STEP, cols / NODE_STEP) for part in np.moveaxis(self.offsets, -1, 0))
+        return x + cols.astype(np.float32), y + rows.astype(np.float32)[:, None]
 
     def _reduced_places(self) -> tuple[Float32Array, Float32Array]:
         """Return the places in the frame of the pixels of the reduced reference."""
         factor = self.factor
-        rows, cols = (np.arange(float(n // factor)) * factor + (factor - 1) / 2 for n in self.encoded.shape[:2])
-        return self.warp.at(rows, cols)
+        return self._places(*(np.arange(n // factor) * factor + (factor - 1) / 2 for n in self.encoded.shape[:2]))
 
-    def _weights(self, rows: slice) -> Float32Array:
-        assert self.fit is not None
-        width, centre = self.encoded.shape[1], (self.factor - 1) / 2
-        down, across = (
-            (np.arange(float(first), float(stop)) - centre) / self.factor
-            for first, stop in ((rows.start, rows.stop), (0, width))
-        )
-        return _interpolated(self.fit.weights, down, across)
+    def _reduced(self, *places: NDArray[np.floating]) -> list[NDArray[np.floating]]:
+        """Return places along an axis in px of the reduced picture."""
+        return [(each - (self.factor - 1) / 2) / self.factor for each in places]
 
     def fitted(self, reference: BurstFrame, banks: tuple[PsfBank, PsfBank]) -> FrameFit:
         """Compare the frame with the reference; `banks` are their PSFs on the reduced picture."""
@@ -337,7 +270,7 @@ class BurstFrame:
         shape = self.grey.shape
         x, y = self._reduced_places()
         seen = self._shows(x, y).astype(np.float32)
-        at = [(places - (self.factor - 1) / 2) / self.factor for places in (y, x)]
+        at = self._reduced(y, x)
         resampled = ndimage.map_coordinates(self.grey, at, order=3, mode="nearest", output=np.float32)
         # Blur mixes pixels with what lies beyond the frame: only the rest can be compared.
         tall, wide = (a + b - 1 for a, b in zip(own.size, other.size, strict=True))
@@ -348,31 +281,35 @@ class BurstFrame:
             TileBlur(bank, shape, threads=1).forward(picture)
             for bank, picture in ((other, resampled), (own, reference.grey))
         )
+        blur = (self.tuning.radius**2 + reference.tuning.radius**2) / self.factor**2
+        shift, gain = _residual_shift(blurred, equal, known, blur)
+        misfit = np.square(_sampled(blurred, shift) / np.float32(gain) - equal)
+        slope, tiny = np.square(np.gradient(equal)).sum(axis=0), float(np.finfo(np.float32).tiny)
         energies = [float(np.square(bank.kernels).sum(axis=(2, 3)).mean()) for bank in (other, own)]
-        noises = [frame.grey_noise**2 for frame in (self, reference)]
-        errors = self.tuning.path_error + reference.tuning.path_error
-        blur = self.tuning.radius**2 + reference.tuning.radius**2
-        return fit_frame(
-            *(blurred, equal, known),
-            noise=float(np.dot(energies, noises)),
-            path_error=errors / self.factor**2,
-            blur=blur / self.factor**2,
-        )
+        # Variance of the difference, at a gain of 1, and mean square of the errors of both paths, px^2.
+        noise = float(np.dot(energies, [frame.grey_noise**2 for frame in (self, reference)]))
+        path_error = (self.tuning.path_error + reference.tuning.path_error) / self.factor**2
+        mean = _window_mean(6)  # half width, px
+        share = np.maximum(mean(known), 1e-6)
+        least = noise + (path_error + SHIFT_ERROR**2) * mean(slope * known) / share
+        least = least + np.square(GAIN_ERROR * mean(equal))
+        ratio = mean(misfit * known) / share / np.maximum(least, tiny)
+        if known.any():
+            # Elsewhere the weight is that of the nearest known place.
+            nearest = ndimage.distance_transform_edt(known == 0, return_distances=False, return_indices=True)
+            ratio = ratio[tuple(nearest)]
+        fading = np.clip((NO_WEIGHT - ratio) / (NO_WEIGHT - FULL_WEIGHT), 0.0, 1.0)
+        weights = (fading * fading * (3.0 - 2.0 * fading)).astype(np.float32)
+        trust = weights * known
+        support = float((trust * slope).sum() / max(float((slope * known).sum()), tiny))
+        left = float((trust * (misfit - np.float32(noise))).sum())
+        return FrameFit(gain, shift, weights, support, max(left, 0.0) / max(float((trust * slope).sum()), tiny))
 
 
-def _interpolated(values: Float32Array, rows: FloatArray, cols: FloatArray) -> Float32Array:
+def _interpolated(values: Float32Array, rows: NDArray[np.floating], cols: NDArray[np.floating]) -> Float32Array:
     """Return `values` on a grid of places, linearly interpolated; beyond the edges the nearest value."""
-    for axis, places in enumerate((rows, cols)):
-        last = values.shape[axis] - 1
-        place = np.clip(places, 0, last)
-        first = place.astype(np.intp)
-        part = np.expand_dims((place - first).astype(np.float32), 1 - axis)
-        before, after = (values.take(nodes, axis) for nodes in (first, np.minimum(first + 1, last)))
-        after -= before
-        after *= part
-        after += before
-        values = after
-    return values
+    nodes = [np.arange(n, dtype=np.float64) for n in values.shape]
+    return np.asarray(RectBivariateSpline(nodes[0], nodes[1], values, kx=1, ky=1)(rows, cols), dtype=np.float32)
 
 
 def reduced_bank(paths: BlurPaths, factor: int) -> PsfBank:

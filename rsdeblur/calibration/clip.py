@@ -1,11 +1,9 @@
 """Calibration of camera, clock and IMU from a clip: the motion between its frames against the gyro log.
 
-Karpenko et al. (2011), Jia and Evans (2014), and Forssen and Ringaby (2010) calibrate in this way. Here the search of
+Karpenko et al. (2011), Jia and Evans (2014), and Forssen and Ringaby (2010) calibrate in this way
+(docs/theory/estimates.md). Here the search of
 clock and mounting comes first, so no start values are needed, and the errors that all points of two frames share have
 a variance of their own, so translation of the camera widens the deviations instead of hiding in them.
-
-The 48 candidates for the mounting take each camera axis from an IMU axis with either sign; half of them mirror, which
-is right for a log with left-handed axes.
 """
 
 from __future__ import annotations
@@ -33,7 +31,7 @@ from rsdeblur.calibration.result import (
     left_handed,
     mounting_name,
 )
-from rsdeblur.choices import ReadoutDirection
+from rsdeblur.choices import READOUT_DIRECTIONS
 from rsdeblur.errors import ClockError, InputError
 from rsdeblur.motion.arguments import exposure_list
 from rsdeblur.motion.axes import mountings
@@ -68,13 +66,6 @@ LIMITS = {
 }
 READOUT_SHARE = 0.1
 OFFSET, READOUT, FOCAL, TURN, BIAS, DRIFT = LIMITS
-# Directions of the readout by its axis and sign.
-DIRECTIONS: dict[tuple[str, bool], ReadoutDirection] = {
-    ("down", True): "top-down",
-    ("down", False): "bottom-up",
-    ("across", True): "left-right",
-    ("across", False): "right-left",
-}
 # A readout time or a turn nearer to zero than this many standard deviations is zero.
 SIGNIFICANT = 3.0
 
@@ -206,8 +197,7 @@ class _Clip:
         self._tracks = {sign: MeanOrientation(self._t, sign * self._omega) for sign in (1, -1)}
 
     def _model(self, matches: ClipMatches, mounting: FloatArray) -> ClipModel:
-        sign = round(float(np.linalg.det(mounting)))
-        return ClipModel(matches, self._camera, self._tracks[sign], mounting)
+        return ClipModel(matches, self._camera, self._tracks[round(float(np.linalg.det(mounting)))], mounting)
 
     def _covered(self, offset: float) -> NDArray[np.bool_]:
         """Return the pairs during which the log has samples, shape (pairs,)."""
@@ -230,8 +220,8 @@ class _Clip:
         few, fits = self._matches.thinned(FEW), []
         for i, (mounting, offset) in enumerate(tried):
             self._progress("search", i / len(tried))
-            start = self._start()._replace(offset=offset)
-            fits.append(fit_clip(self._model(few, mounting), start, free, self._covered(offset), rounds=2))
+            start, model = self._start()._replace(offset=offset), self._model(few, mounting)
+            fits.append(fit_clip(model, start, free, self._covered(offset), rounds=2))
         best, rival, confidence = ranked(tried, fits, few)
         mounting, begin = tried[best].mounting, fits[best].parameters
         explained = _explained(few, fits[best], self._covered(begin.offset))
@@ -256,8 +246,8 @@ class _Clip:
     def _start(self) -> Parameters:
         """Return the start values but for the offset, which the search finds."""
         camera = self._camera
-        (axis, forward), *_ = (key for key, direction in DIRECTIONS.items() if direction == camera.readout_direction)
-        return Parameters(**{axis: camera.readout_time if forward else -camera.readout_time})
+        axis, backwards = divmod(READOUT_DIRECTIONS.index(camera.readout_direction), 2)
+        return Parameters(**{READOUT[axis]: -camera.readout_time if backwards else camera.readout_time})
 
     def _fitted(self, found: Calibration, mounting: FloatArray, begin: Parameters) -> Calibration:
         """Return the calibration by a fit of all parameters, refused if that is not trustworthy."""
@@ -285,8 +275,10 @@ class _Clip:
         # camera = gyro + offset + drift (camera - middle); the log's clock is changed so that drift is 0.
         middle = 0.5 * float(self._matches.opens.min() + self._matches.opens.max()) - self._shift - p.offset
         log = GyroLog(log.t + p.drift * (log.t - middle), log.omega - (p.bias_x, p.bias_y, p.bias_z), log.epoch_ns)
-        camera = replace(camera, imu_to_camera=_turned(mounting, fit))
-        return replace(found, accepted=True, camera=camera, log=log)
+        turn = [getattr(p, name) for name in TURN]
+        if any(abs(angle) > SIGNIFICANT * fit.sd(**{name: 1.0}) for name, angle in zip(TURN, turn, strict=True)):
+            mounting = Rotation.from_rotvec(turn).as_matrix() @ mounting
+        return replace(found, accepted=True, camera=replace(camera, imu_to_camera=mounting), log=log)
 
     def _fit(self, mounting: FloatArray, begin: Parameters, covered: NDArray[np.bool_]) -> ClipFit:
         """Fit all parameters, and fix those again that the clip does not determine."""
@@ -334,7 +326,7 @@ class _Clip:
             **{name: value(getattr(p, name), "rad/s", **{name: 1.0}) for name in BIAS},
             "clock_drift": value(p.drift, "s/s", drift=1.0),
         }
-        direction = DIRECTIONS[axis, signed > 0] if directed else camera.readout_direction
+        direction = READOUT_DIRECTIONS[2 * READOUT.index(axis) + (signed < 0)] if directed else camera.readout_direction
         calibrated = replace(
             camera,
             focal_length=(fx, fy),
@@ -355,15 +347,6 @@ def _explained(matches: ClipMatches, fit: ClipFit, pairs: NDArray[np.bool_]) -> 
     return 1.0 - float(left / max(whole, 1e-12))
 
 
-def _turned(mounting: FloatArray, fit: ClipFit) -> FloatArray:
-    """Return the mounting with the small turn, if that is significant."""
-    turn = [getattr(fit.parameters, name) for name in TURN]
-    if not any(abs(angle) > SIGNIFICANT * fit.sd(**{name: 1.0}) for name, angle in zip(TURN, turn, strict=True)):
-        return mounting
-    turned: FloatArray = Rotation.from_rotvec(turn).as_matrix() @ mounting
-    return turned
-
-
 def _excess(fit: ClipFit, names: tuple[str, ...]) -> float:
     """Return the largest standard deviation of a group over its limit."""
     limit = LIMITS[names]
@@ -375,7 +358,7 @@ def _excess(fit: ClipFit, names: tuple[str, ...]) -> float:
 class Candidate(NamedTuple):
     """A mounting and an offset that may explain the rotation between frames."""
 
-    mounting: FloatArray  # orthogonal, from IMU axes to camera axes; its determinant is -1 for a left-handed log
+    mounting: FloatArray  # from IMU axes to camera axes; its determinant is -1 for a left-handed log
     offset: float  # camera time minus gyro time, s
 
 
@@ -401,10 +384,7 @@ def candidates(
     search: tuple[float, float],  # first and last offset, s
     count: int,
 ) -> list[Candidate]:
-    """Return the mountings and offsets whose rotation between frames agrees best with the seen one, the best first.
-
-    No two of them have one mounting and nearly one offset.
-    """
+    """Return the mountings and offsets whose rotation between frames agrees best with the seen one, the best first."""
     own = camera.imu_to_camera
     every = np.array([*mountings(), own][: None if mounting_name(own) == OBLIQUE else -1])
     t, omega = log
@@ -433,8 +413,8 @@ def candidates(
 def ranked(tried: Sequence[Candidate], fits: Sequence[ClipFit], matches: ClipMatches) -> tuple[int, int, float]:
     """Return the places of the best fitted candidate and of its best rival, and the confidence of its mounting.
 
-    Candidates are compared by the errors of their points in the `matches` that were fitted, pair by pair. Mountings
-    that mirror are for logs with left-handed axes, which are rare: only one that leads counts.
+    They are compared by the errors of their points in the `matches` that were fitted, pair by pair. Mountings that
+    mirror are for logs with left-handed axes, which are rare: only one that leads counts.
     """
     energy = np.array([(fit.residuals**2).sum(axis=1) for fit in fits])
     scale = np.median(energy, axis=1).min() + 1e-4

@@ -99,8 +99,8 @@ STEPS = Parameters(1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1
 class ClipModel:
     """Prediction of the matches of a clip from the gyro's orientations.
 
-    `camera` has the start values of focal length and lens. `mounting` is an orthogonal matrix (3, 3) from IMU axes to
-    camera axes; where it mirrors, for a log with left-handed axes, the orientations are those of the negative rates.
+    `camera` has the start values of focal length and lens. `mounting` (3, 3) takes IMU axes to camera axes; where it
+    mirrors, for a log with left-handed axes, the orientations are those of the negative rates.
     """
 
     def __init__(self, matches: ClipMatches, camera: Camera, track: MeanOrientation, mounting: FloatArray) -> None:
@@ -175,10 +175,7 @@ class ClipFit:
 
 
 class PairErrors:
-    """Weights of the points and shared errors of the pairs, estimated from residuals (n, 2), px.
-
-    Pairs that are not to `keep`, and those with outlying shared errors, are left out: see `used`, both (pairs,).
-    """
+    """Weights of the points and shared errors of the pairs, from residuals (n, 2), px, without outlying pairs."""
 
     def __init__(self, model: ClipModel, residuals: FloatArray, keep: NDArray[np.bool_]) -> None:
         self._matches = model.matches
@@ -220,7 +217,7 @@ class PairErrors:
         return shared, self.noise**2 * np.diagonal(inverse, axis1=1, axis2=2)
 
     def whiten(self, values: FloatArray) -> FloatArray:
-        """Return values, shape (n, 2, ...), whose errors are independent and of variance 1, shape (2 n + 4 pairs, ...).
+        """Return values (n, 2, ...) with independent errors of variance 1, shape (2 n + 4 pairs, ...).
 
         The likeliest shared errors are taken off the points, and their innovations are appended.
         """
@@ -262,10 +259,7 @@ def fit_clip(
     *,
     rounds: int = 4,
 ) -> ClipFit:
-    """Fit the `free` parameters, the others as in `start`, to the pairs `keep`, shape (pairs,), of the matches.
-
-    In each of the `rounds`, weights and variances follow the residuals; they settle after three or four.
-    """
+    """Fit the `free` parameters to the pairs `keep`; weights and variances settle in three or four `rounds`."""
     units = np.array([getattr(STEPS, name) for name in free])
 
     def at(x: FloatArray) -> Parameters:

@@ -91,9 +91,9 @@ def _without_shading(profiles: FloatArray) -> FloatArray:
 
 
 def _explained(stack: FloatArray, count: float) -> tuple[float, float]:
-    """Return the share of the changes that `count` bands explain, and the share of their power common to all strips.
+    """Return the share of the changes that `count` bands explain, and that of their power common to all strips.
 
-    `stack` are profiles of shape (pictures, strips, n). The phase may differ between pictures, not between strips.
+    Phases may differ between the pictures of a `stack` (pictures, strips, n), not between strips.
     """
     phase = 2 * np.pi * count * np.arange(stack.shape[-1]) / stack.shape[-1]
     # The shading has been removed from the profiles, so it is removed from the waves too.

@@ -83,20 +83,17 @@ class ReducedFrame:
         cells = rows * (1 + cols.max()) + cols
         places = np.array(ndimage.maximum_position(strength, cells, np.unique(cells)))
         best = strength[tuple(places.T)]
-        corners: FloatArray = places[best > LEAST_CORNER * np.median(best)][:, ::-1] + float(RADIUS)
-        return corners
+        values: FloatArray = places[best > LEAST_CORNER * np.median(best)][:, ::-1] + float(RADIUS)
+        return values
 
     def full(self, points: FloatArray) -> FloatArray:
         """Return points of the reduced frame in px of the frame as stored."""
-        full: FloatArray = points * self.factor + (self.factor - 1) / 2
-        return full
+        values: FloatArray = points * self.factor + (self.factor - 1) / 2
+        return values
 
 
 def match(first: ReducedFrame, second: ReducedFrame) -> tuple[FloatArray, FloatArray]:
-    """Return points of a frame and where the next one shows them, both (x, y) in px as stored, shape (n, 2).
-
-    A point counts if following it back from the second frame returns to its origin.
-    """
+    """Return points of a frame, found there and back, and where the next one shows them, (x, y) in px as stored."""
     points = first.corners()
     moved = _follow(first, second, points, points + _common_shift(first, second))
     # The way back begins nearly right.
@@ -116,8 +113,7 @@ def _common_shift(first: ReducedFrame, second: ReducedFrame) -> FloatArray:
     # A window takes away the jump between opposite borders, which would say "no motion".
     fade = window("hann", pictures[0].shape)
     shift, *_ = phase_cross_correlation(*((picture - picture.mean()) * fade for picture in pictures))
-    moved: FloatArray = -np.array(shift[::-1], dtype=np.float64) * 2.0**level
-    return moved
+    return -np.array(shift[::-1], dtype=np.float64) * 2.0**level
 
 
 def _follow(
@@ -148,17 +144,14 @@ def _sample(picture: Float32Array, places: FloatArray) -> Float32Array:
     """Return values at (x, y), interpolated linearly, without their mean in each window."""
     at = np.moveaxis(places[..., ::-1], -1, 0)
     values = ndimage.map_coordinates(picture, at, order=1, mode="nearest", output=np.float32)
-    centred: Float32Array = values - values.mean(axis=-1, keepdims=True)
-    return centred
+    array: Float32Array = values - values.mean(axis=-1, keepdims=True)
+    return array
 
 
 def match_clip(
     frames: Iterable[ArrayLike], exposures: Sequence[Exposure], camera: Camera, progress: Progress | None = None
 ) -> ClipMatches:
-    """Return the matches of all neighbouring frames, with times relative to the first exposure's epoch.
-
-    Arguments and errors are those of :func:`rsdeblur.calibrate`.
-    """
+    """Return the matches of neighbouring frames, with times from the first exposure's epoch; see :func:`calibrate`."""
     share = TIMESTAMP_SHARES[camera.timestamp_marks]
     # The empty arrays make the shapes right where there are no pairs.
     found, opens, durations = [(np.empty((0, 2)), np.empty((0, 2)))], [], []

@@ -216,40 +216,42 @@ class _Photos:
             fits = [self._directed(replace(camera, readout_direction=each)) for each in READOUT_DIRECTIONS]
             found.append(fits)
             rows.append([fit.leads(other) for fit, other in zip(fits, references, strict=True)])
-        leads = np.array(rows)
-        best = leads.sum(axis=2).argmax(axis=1)
-        likeliest = [fits[direction] for fits, direction in zip(found, best, strict=True)]
-        right = leads[np.arange(len(best)), best]
-        left = right - [self._reversed(fit) for fit in likeliest]
-        matrices = [sign * fit.camera.imu_to_camera for sign in (1, -1) for fit in likeliest]
-        place, sure, reason = _decided(matrices, np.concatenate([right, left]))
-        camera, values, directed = self._start, dict[str, Estimate](), False
-        if not reason:
-            direction, directed = _direction(leads[place], READOUT_DIRECTIONS.index(self._start.readout_direction))
-            camera, values = self._determined(found[place][direction], directed=directed)
-        return Calibration(
-            accepted=not reason,
-            reason=reason,
-            camera=camera,
-            confidence=sure,
-            photos=len(self._recordings),
-            mounting=mounting_name(matrices[place]),
-            directed=directed,
-            values=values,
-        )
+        leads = np.array(rows)  # nats of each photo, shape (mountings, directions, photos)
+        place, direction = np.unravel_index(leads.sum(axis=2).argmax(), leads.shape[:2])
+        best = np.array([every[every.sum(axis=1).argmax()] for every in leads])
+        # Of left-handed logs the paths are reversed, whose spectra are the same.
+        fits = [fits[rows.sum(axis=1).argmax()] for fits, rows in zip(found, leads, strict=True)]
+        every = np.concatenate([best, best - [self._reversed(fit) for fit in fits]])
+        first, rival = np.argsort(-every.sum(axis=1))[:2].tolist()
+        sure = confidence(every[first] - np.delete(every, first, axis=0), LEAST_LEAD)
+        names = [mounting_name(sign * camera.imu_to_camera) for sign in (1, -1) for camera in mounted]
+        count, name = len(self._recordings), names[first]
+        result = Calibration(False, "", self._start, confidence=sure, photos=count, mounting=name)
+        if sure < CONFIDENT:
+            one, other = (names[n] + " (left-handed)" * (n >= len(mounted)) for n in (first, rival))
+            reason = f"the photos do not decide between the axes {one} and {other}; give more photos, with other motion"
+            return replace(result, reason=reason + ", or a clip")
+        if first >= len(mounted):
+            return replace(result, reason=left_handed(name))
+        # A direction that is not determined is the start's where that may be right.
+        others = leads[place, direction] - leads[place]
+        known = READOUT_DIRECTIONS.index(self._start.readout_direction)
+        directed = confidence(np.delete(others, direction, axis=0), 0.0) >= CONFIDENT
+        if confidence(others[[known]], 0.0) < CONFIDENT:
+            direction = known
+        camera, values = self._determined(found[place][direction], directed=directed)
+        return replace(result, accepted=True, camera=camera, directed=directed, values=values)
 
     def _mounted(self, search: tuple[float, float]) -> list[Camera]:
         """Return the start with the likeliest mountings, each with its likeliest offset, the likeliest first."""
         self._progress("search", 0.0)
         start = self._start
         offsets = start.time_offset + np.linspace(*search, int(np.ceil((search[1] - search[0]) / 8e-3)) + 1)
-        every = {(matrix + 0.0).tobytes(): matrix for matrix in (*rotations(), start.imu_to_camera)}.values()
-        pairs = product(every, offsets.tolist())
-        ranked = self._ranked([replace(start, imu_to_camera=matrix, time_offset=time) for matrix, time in pairs])
-        cameras: list[Camera] = []
-        for camera in ranked:
-            if not any(np.array_equal(camera.imu_to_camera, each.imu_to_camera) for each in cameras):
-                cameras.append(camera)
+        pairs = product((*rotations(), start.imu_to_camera), offsets.tolist())
+        best: dict[tuple[float, ...], Camera] = {}
+        for camera in self._ranked([replace(start, imu_to_camera=axes, time_offset=time) for axes, time in pairs]):
+            best.setdefault(tuple(camera.imu_to_camera.flat), camera)
+        cameras = list(best.values())
         # Half a turn about the optical axis leaves the spectra of a blur without roll as they are.
         turned = np.diag([-1.0, -1.0, 1.0]) @ cameras[0].imu_to_camera
         return cameras[:FITTED] + [each for each in cameras[FITTED:] if np.allclose(each.imu_to_camera, turned)]
@@ -273,7 +275,13 @@ class _Photos:
         while True:
             free = tuple(name for name in free if name != worst)
             fit = self._fit(_without(fit.camera, worst, self._start), free)
-            errors = self._errors(fit, free)
+            deviations = fit.posterior.spread(fit.place, free)[0] * self._deviations
+            softness = SOFTNESS_ERROR / np.mean([each.capture().mean_length for each in fit.recordings])
+            # s or shares, with the errors that all photos share.
+            errors = {
+                name: float(np.linalg.norm([deviations[PARAMETERS.index(name)], error, softness * (name == "scale")]))
+                for name, (_, _, error, _) in NUMBERS.items()
+            }
             excess = {name: errors[name] / NUMBERS[name][-1] for name in NUMBERS if name in free}
             worst = max(excess, key=lambda name: excess[name], default="")
             if excess.get(worst, 0.0) <= 1.0:
@@ -288,45 +296,6 @@ class _Photos:
             result: Estimate(sizes[name][0], sizes[name][1] * errors[name] if name in free else None, unit)
             for name, (result, unit, *_) in NUMBERS.items()
         }
-
-    def _errors(self, fit: _Fit, free: Sequence[str]) -> dict[str, float]:
-        """Return the deviations of the numbers, s or shares, with the errors that all photos share."""
-        deviations = fit.posterior.spread(fit.place, free)[0] * self._deviations
-        softness = SOFTNESS_ERROR / np.mean([each.capture().mean_length for each in fit.recordings])
-        return {
-            name: float(np.linalg.norm([deviations[PARAMETERS.index(name)], error, softness * (name == "scale")]))
-            for name, (_, _, error, _) in NUMBERS.items()
-        }
-
-
-def _decided(matrices: list[FloatArray], leads: FloatArray) -> tuple[int, float, str]:
-    """Return the place of the best of some mountings, its confidence, and why it cannot be trusted.
-
-    Mountings that mirror are of left-handed logs. `leads` are nats of each photo, shape (n, photos).
-    """
-    best, nearest = np.argsort(leads.sum(axis=1))[:-3:-1].tolist()
-    sure = confidence(leads[best] - np.delete(leads, best, axis=0), LEAST_LEAD)
-    left = [bool(np.linalg.det(matrices[n]) < 0) for n in (best, nearest)]
-    names = [mounting_name(matrices[n]) for n in (best, nearest)]
-    reason = ""
-    if sure < CONFIDENT:
-        name, other = (name + ", left-handed," * is_left for name, is_left in zip(names, left, strict=True))
-        reason = f"the photos do not decide between the axes {name} and {other}".rstrip(",")
-        reason += "; give more photos, with other motion, or a clip"
-    elif left[0]:
-        reason = left_handed(names[0])
-    return best, sure, reason
-
-
-def _direction(leads: FloatArray, known: int) -> tuple[int, bool]:
-    """Return the best direction by leads, shape (4, photos), and whether it is determined.
-
-    If it is not, the `known` one is preferred where it may be right.
-    """
-    best = int(leads.sum(axis=1).argmax())
-    directed = confidence(leads[best] - np.delete(leads, best, axis=0), 0.0) >= CONFIDENT
-    possible = confidence(leads[[best]] - leads[[known]], 0.0) < CONFIDENT
-    return known if possible else best, directed
 
 
 def _read_in(camera: Camera, readout_time: float, later: float = 0.0) -> Camera:

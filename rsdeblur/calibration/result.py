@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.motion.axes import letters
 from rsdeblur.motion.camera import Camera
@@ -31,22 +30,11 @@ class Estimate:
         Standard deviation; None for a start value.
     unit : str
         Unit of both.
-
-    Raises
-    ------
-    InputError
-        If a number is not finite, `sd` is negative, or `unit` is no text.
     """
 
     value: float
     sd: float | None
     unit: str
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "value", validate.finite("value", self.value))
-        if self.sd is not None:
-            object.__setattr__(self, "sd", validate.finite("sd", self.sd, minimum=0.0))
-        validate.instance("unit", self.unit, str)
 
     @property
     def determined(self) -> bool:
@@ -101,10 +89,7 @@ class Calibration:
 
 
 def confidence(leads: FloatArray, least: float) -> float:
-    """Return the share of resamplings of the observations in which every sum of leads exceeds the `least` one.
-
-    Leads (rivals, observations) over each rival, and the least one, are in nats.
-    """
+    """Return the share of resamplings in which every sum of leads, nats (rivals, observations), exceeds the least."""
     count = leads.shape[1]
     draws = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), 200)
     return float(np.mean((leads @ draws.T).min(axis=0, initial=np.inf) > least))

@@ -63,13 +63,13 @@ class Commands(click.Group):
         """Write the commands in groups."""
         width = max(map(len, COMMANDS))
         for title, names in GROUPS.items():
-            commands = [(name, self.get_command(ctx, name)) for name in names]
+            commands = {name.ljust(width): self.get_command(ctx, name) for name in names}
             with formatter.section(title):
                 formatter.write_dl(
                     [
-                        (name.ljust(width), command.get_short_help_str(formatter.width - width - 6))
-                        for name, command in commands
-                        if command is not None
+                        (name, each.get_short_help_str(formatter.width - width - 6))
+                        for name, each in commands.items()
+                        if each
                     ]
                 )
 
@@ -88,31 +88,18 @@ class Commands(click.Group):
                 lines = error.format_message().expandtabs().split("\n")
                 raise click.UsageError(linked("\n".join(map(printable, lines))), ctx=error.ctx) from error
             except MemoryError:
-                _refuse(
-                    ctx,
-                    "not enough memory; close other programs, set --max-memory, or use a smaller picture",
-                )
+                _refuse(ctx, "not enough memory; close other programs, set --max-memory, or use a smaller picture")
             except OSError as error:
                 # It is no error if the reader of a pipe closes it early; click then exits without a message.
                 if error.errno == errno.EPIPE:
                     raise
                 # Only the stream that the result is printed to has no name.
                 _refuse(ctx, f"{error.filename or 'the output'}: {error.strerror or error}")
-            except (KeyboardInterrupt, ImportError) as error:
-                number = _signal_of(error)
-                if number is None:
-                    _refuse(ctx, f"a library cannot be loaded ({error}); free memory, or install rsdeblur again")
+            except ImportError as error:
+                _refuse(ctx, f"a library cannot be loaded ({error}); free memory, or install rsdeblur again")
+            except KeyboardInterrupt as error:
                 say_aside("interrupted; no unfinished file is left")
-                ctx.exit(128 + number)  # as shells report it
-
-
-def _signal_of(error: BaseException | None) -> int | None:
-    """Return the signal that caused an error; while a compiled module loads, an interrupt becomes an ImportError."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    if error is None:
-        return None
-    return error.args[0] if error.args else signal.SIGINT
+                ctx.exit(128 + (error.args[0] if error.args else signal.SIGINT))  # as shells report it
 
 
 @contextmanager
@@ -151,20 +138,18 @@ def _send_again(number: int) -> None:
 
 
 def _refuse(ctx: click.Context, message: str) -> NoReturn:
-    say_aside(f"error: {linked(message)}")
+    say_aside(f"error: {message}")
     ctx.exit(1)
 
 
 def _once() -> Callable[[str], None]:
-    """Return a function that shows a warning in one line, unless one like it was shown."""
+    """Return a function that shows a warning in one line, unless one with other numbers was shown."""
     shown: set[str] = set()
 
     def show(message: str) -> None:
-        # Several parts of one log may cause a warning each, which differ in their numbers only; one is enough.
         kind = re.sub(r"[\d.]+", "", message)
-        # The name of a file may have stood before the same text.
-        if level() >= 0 and not any(text.endswith(kind) for text in shown):
-            say_aside(f"warning: {linked(message)}")
+        if level() >= 0 and kind not in shown:
+            say_aside(f"warning: {message}")
         shown.add(kind)
 
     return show

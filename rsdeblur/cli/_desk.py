@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +22,7 @@ from typing import Any
 import click
 import numpy as np
 
-from rsdeblur._util.files import FileState, atomic_write, file_state, read_file
+from rsdeblur._util.files import FileState, file_state, read_file
 from rsdeblur.app.crop import Basis, Crop, derive_basis, solve_crop
 from rsdeblur.app.server import Uploads, plain
 from rsdeblur.choices import CAMERA
@@ -144,9 +145,7 @@ class Desk:
         return {"path": str(self.uploads.keep(name, content))}
 
     def _start(self, form: Form) -> dict[str, Any]:
-        camera = ""
-        with suppress(OSError):
-            camera = next(map(str, self._cameras.iterdir()), "")
+        camera = next(map(str, self._cameras.glob("*")), "")
         return {"photos": self._photos, "form": filled(self._given), "camera": camera}
 
     def _made(self, form: Form) -> dict[str, Any]:
@@ -196,12 +195,9 @@ class Desk:
         with suppress(OSError, RsdeblurError):
             content = read_file(path, "camera file", size=LARGEST_CAMERA + 1)
             if len(content) <= LARGEST_CAMERA:
-                self._cameras.mkdir(parents=True, exist_ok=True)
-                others = [other for other in self._cameras.iterdir() if other.name != path.name]
-                with atomic_write(self._cameras / path.name) as file:
-                    file.write(content)
-                for other in others:
-                    other.unlink()
+                shutil.rmtree(self._cameras, ignore_errors=True)
+                self._cameras.mkdir(parents=True)
+                (self._cameras / path.name).write_bytes(content)
 
     def _free_name(self, photo: Path) -> Path:
         """Return a path for the result that no file has: beside the photo, or in the working folder."""
@@ -348,10 +344,7 @@ def filled(options: Mapping[str, str]) -> dict[str, str]:
 
 
 def arguments(form: Form, moved: Form | None = None) -> list[str]:
-    """Return the arguments of `rsdeblur deblur` that a form means, with automatic strengths.
-
-    Empty texts are left out; `moved` are texts of sliders, which replace those of the form.
-    """
+    """Return the arguments of `rsdeblur deblur` that a form means, in which `moved` texts of sliders replace others."""
     for name, label in (("photo", "photo"), ("gyro", "gyro log")):
         if not text_of(form, name):
             raise InputError(f"choose the {label}")
@@ -376,10 +369,8 @@ def path_of(form: Form, name: str) -> str:
     text = text_of(form, name)
     try:
         return str(Path(text).expanduser().absolute()) if text else ""
-    except RuntimeError as error:
-        raise InputError(f"{text}: there is no home folder of that name; give the whole path") from error
-    except FileNotFoundError as error:
-        raise InputError(f"{text}: the folder that the app was started in was deleted; give the whole path") from error
+    except (RuntimeError, FileNotFoundError) as error:  # no such home folder, or the working folder was deleted
+        raise InputError(f"{text}: give the whole path") from error
 
 
 def power_of(form: Form) -> float:

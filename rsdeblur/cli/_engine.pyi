@@ -2,6 +2,7 @@
 
 from numpy.typing import NDArray as NDArray
 
+from rsdeblur._util.memory import empty as empty
 from rsdeblur._util.memory import keep as keep
 from rsdeblur._util.threads import thread_count as thread_count
 from rsdeblur._util.workers import Failure as Failure
@@ -9,7 +10,6 @@ from rsdeblur._util.workers import run as run
 from rsdeblur.app import LocalServer as LocalServer
 from rsdeblur.app import app_page as app_page
 from rsdeblur.burst.burst import MOST_FRAMES as MOST_FRAMES
-from rsdeblur.burst.burst import BurstResult as BurstResult
 from rsdeblur.burst.burst import deblur_burst as deblur_burst
 from rsdeblur.calibration import Calibration as Calibration
 from rsdeblur.calibration.clip import LEAST_PAIRS as LEAST_PAIRS
@@ -37,7 +37,7 @@ from rsdeblur.io.cameras import write_time_offset as write_time_offset
 from rsdeblur.io.captures import open_captures as open_captures
 from rsdeblur.io.columns import choice_for as choice_for
 from rsdeblur.io.gyro_binary import frame_exposures as frame_exposures
-from rsdeblur.io.gyro_logs import axes_problems as axes_problems
+from rsdeblur.io.gyro_logs import axes_problem as axes_problem
 from rsdeblur.io.gyro_logs import detect_gyro_format as detect_gyro_format
 from rsdeblur.io.metadata import Exif as Exif
 from rsdeblur.io.metadata import capture_time as capture_time
@@ -45,7 +45,6 @@ from rsdeblur.io.metadata import on_clock_of as on_clock_of
 from rsdeblur.io.picture_output import KINDS as KINDS
 from rsdeblur.io.picture_output import check_kind as check_kind
 from rsdeblur.io.picture_output import check_writable as check_writable
-from rsdeblur.io.picture_output import picture_to_fill as picture_to_fill
 from rsdeblur.io.picture_output import write_picture as write_picture
 from rsdeblur.io.pictures import Picture as Picture
 from rsdeblur.io.pictures import is_picture as is_picture
@@ -91,8 +90,6 @@ from rsdeblur.pipeline.plan import plan_for as plan_for
 from rsdeblur.psf import PsfBank as PsfBank
 from rsdeblur.report import psf_map as psf_map
 from rsdeblur.report import side_by_side as side_by_side
-from rsdeblur.report.drawings import bank_data as bank_data
-from rsdeblur.report.drawings import picture_uris as picture_uris
 from rsdeblur.report.drawings import timeline_svg as timeline_svg
 from rsdeblur.report.facts import accelerometer as accelerometer
 from rsdeblur.report.facts import calibration_facts as calibration_facts
@@ -101,7 +98,6 @@ from rsdeblur.report.facts import clip_facts as clip_facts
 from rsdeblur.report.facts import describe as describe
 from rsdeblur.report.facts import offset_facts as offset_facts
 from rsdeblur.report.facts import plain as plain
-from rsdeblur.report.facts import readout_data as readout_data
 from rsdeblur.report.facts import refinement_facts as refinement_facts
 from rsdeblur.report.facts import remarks as remarks
 from rsdeblur.report.facts import result_facts as result_facts
@@ -127,5 +123,4 @@ from rsdeblur.video.encode import Encoding as Encoding
 from rsdeblur.video.encode import check_output as check_output
 from rsdeblur.video.encode import container_of as container_of
 from rsdeblur.video.encode import deblur_video as deblur_video
-from rsdeblur.video.plan import ClipPlan as ClipPlan
 from rsdeblur.video.plan import plan_clip as plan_clip

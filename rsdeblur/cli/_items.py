@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -25,8 +24,6 @@ COLUMNS: dict[str, click.ParamType[Any]] = {
     "output": PATH,
     **{each.name: each.metadata["type"] or click.STRING for each in fields(Recording) if each.name in MANY},
 }
-# Characters; no path is longer.
-LONGEST_CELL = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,20 +69,15 @@ def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[tuple[int,
     """Set the error of items whose result another item already writes, or would replace an input of any item."""
     writers: dict[str, Item] = {}
     for item in items:
-        # Some disks do not tell upper case from lower case, or composed characters from others.
-        other = writers.setdefault(unicodedata.normalize("NFC", str(item.output)).casefold(), item)
-        if item.error is not None:
-            yield item
-        elif other is not item:
-            result = folder / item.output
-            same = f"{other.photo} has the same result, {result}"
-            if item.output != other.output:
-                same = f"{result} and {folder / other.output}, the result of {other.photo}, are one file on many disks"
-            yield replace(item, error=f"{item.photo}: {same}; name another output")
-        elif not inputs.isdisjoint(_places([folder / item.output])):
-            yield replace(item, error=f"{item.photo}: {folder / item.output} is an input too; name another output")
-        else:
-            yield item
+        # Some disks do not tell upper case from lower case.
+        other, result = writers.setdefault(str(item.output).casefold(), item), folder / item.output
+        if item.error is None and other is not item:
+            item = replace(
+                item, error=f"{item.photo}: {other.photo} has the same result, {result}; name another output"
+            )
+        elif item.error is None and not inputs.isdisjoint(_places([result])):
+            item = replace(item, error=f"{item.photo}: {result} is an input too; name another output")
+        yield item
 
 
 def _places(paths: Iterable[Path]) -> set[tuple[int, ...]]:
@@ -163,13 +155,10 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
     """Return the number of the last line and the cells of each row."""
     # Spreadsheets of some countries write semicolons.
     delimiter = max(",;\t", key=text.partition("\n")[0].count)
-    # The limit of 131072 characters would end the whole table; `_row` reports such a cell.
-    limit = csv.field_size_limit(len(text) + 1)
-    try:
-        reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True)
-        return [(reader.line_num, row) for row in reader]
-    finally:
-        csv.field_size_limit(limit)
+    # A long cell must not end the whole table.
+    csv.field_size_limit(max(csv.field_size_limit(), len(text) + 1))
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True)
+    return [(reader.line_num, row) for row in reader]
 
 
 def _head(path: Path, cells: list[str]) -> list[str]:
@@ -188,10 +177,8 @@ def _row(path: Path, line: int, head: list[str], row: list[str], defaults: Recor
     photo = Path(f"line {line}")
     cells: dict[str, Any] = {}
     try:
-        if any(len(cell) > LONGEST_CELL or not {"\0", "\r", "\n"}.isdisjoint(cell) for cell in row):
-            raise ValueError(
-                f"a cell contains a line break or NUL, or more than {LONGEST_CELL} characters; is a quote not closed?"
-            )
+        if any(not {"\0", "\r", "\n"}.isdisjoint(cell) for cell in row):
+            raise ValueError("a cell contains a line break or NUL; is a quote not closed?")
         if len(row) != len(head):
             raise ValueError(f"{len(row)} cells, but the first line names {len(head)} columns")
         if not (photo_name := row[head.index("photo")].strip()):

@@ -5,7 +5,6 @@ A command receives each group as one value, so that a new field is an option of 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from functools import wraps
@@ -27,6 +26,10 @@ Decorator = Callable[[Function], Function]
 RECORDING, OUTPUT = "Recording", "Output"
 # Sections of the help in their order; options of a command's own come first.
 SECTIONS = ("Options", RECORDING, BLUR, SOLVER, COMPUTING, OUTPUT)
+# Options of the short help; of the section "Options", it lists those that are not special.
+BASIC = {"gyro", "camera", "capture", "index", "start", "duration", "psf", "quality", "mode", "modes", "output"}
+BASIC |= {"force", "report", "help_all"}
+SPECIAL = {"readout_direction", "timestamp_marks", "distortion_model", "distortion", "format", "fps"}
 # Key of the context's `meta` that lists all options.
 ALL = "rsdeblur.all"
 # Why options are refused.
@@ -35,17 +38,16 @@ FOR_PHOTOS = "is for photos; the frames of a video are counted from its first on
 
 
 class Option(click.Option):
-    """An option with its section of the help. The short help lists those that are `basic`, such as a command's own."""
+    """An option with its section of the help."""
 
-    def __init__(self, *args: Any, section: str = "Options", basic: bool | None = None, **kwargs: Any) -> None:
+    def __init__(self, *args: Any, section: str = "Options", **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self.section, self.basic = section, section == "Options" if basic is None else basic
+        self.section = section
 
     @property
-    def short_record(self) -> tuple[str, str]:
-        """The option and the first sentence about it, for the short help."""
-        (names, _), text = self.get_help_record(click.get_current_context()) or ("", ""), self.help or ""
-        return names, text.partition(". ")[0].rstrip(".") + "."
+    def is_basic(self) -> bool:
+        """Whether the short help lists the option."""
+        return self.name in BASIC or (self.section == "Options" and self.name not in SPECIAL)
 
 
 def option(*flags: str, section: str = "Options", **facts: Any) -> Decorator:
@@ -89,22 +91,20 @@ class Command(click.Command):
         quiet, verbose = "Print errors only, and JSON.", "Print the inputs and the stages of the work too."
         for flags, text in ((("-q", "--quiet"), quiet), (("-v", "--verbose"), verbose)):
             self.params.append(Option(flags, callback=_set_level, help=text, **shared))
+        self._has_many = len(self.params) > 15
         if self._has_many:
             text = f"Show all {sum(isinstance(each, Option) for each in self.params)} options."
-            self.params.append(
-                Option(("--help-all",), basic=True, is_eager=True, callback=_show_all, help=text, **shared)
-            )
-
-    @property
-    def _has_many(self) -> bool:
-        return len(self.params) > 15
+            self.params.append(Option(("--help-all",), is_eager=True, callback=_show_all, help=text, **shared))
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the basic options, or all in sections."""
+        """Write the basic options with the first sentences of their helps, or all in sections."""
         if self._has_many and ALL not in ctx.meta:
+            rows = []
+            for each in self.params:
+                if isinstance(each, Option) and each.is_basic and (record := each.get_help_record(ctx)):
+                    rows.append((record[0], f"{str(each.help).partition('. ')[0].rstrip('.')}."))
             with formatter.section("Options"):
-                basic = (each for each in self.params if isinstance(each, Option) and each.basic)
-                formatter.write_dl([each.short_record for each in basic], col_max=22)
+                formatter.write_dl(rows, col_max=22)
             return
         sections: dict[str, list[tuple[str, str]]] = {title: [] for title in SECTIONS}
         for each in self.get_params(ctx):
@@ -123,12 +123,9 @@ def _given(kind: click.ParamType[Any] | None, text: str, **facts: Any) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recording:
-    """Files and values that give the log, the camera and the exposure; what is not given is None.
+    """Files and values that give the log, the camera and the exposure; what is not given is None."""
 
-    Commands that do not require `gyro` and `camera` check them.
-    """
-
-    gyro: Path = _given(_types.PATH, "Gyro log; that of a video may be the video itself.", metavar="LOG", basic=True)
+    gyro: Path = _given(_types.PATH, "Gyro log; that of a video may be the video itself.", metavar="LOG")
     gyro_format: str | None = _given(None, "Format of the log.  [default: recognised by its content]", metavar="NAME")
     unit: str | None = _given(
         click.Choice(["rad/s", "deg/s", "mrad/s", "mdeg/s"]), "Unit of the log's rates; replaces the file's."
@@ -151,10 +148,9 @@ class Recording:
         _types.PATH,
         "Camera file, or a photo with EXIF. Files of Gyroflow and Kalibr are read too.",
         metavar="FILE",
-        basic=True,
     )
-    capture: Path | None = _given(_types.PATH, "Metadata file that contains the exposures.", metavar="FILE", basic=True)
-    index: int | None = _given(_types.INDEX, "Number of the exposure in --capture, counted from 0.", basic=True)
+    capture: Path | None = _given(_types.PATH, "Metadata file that contains the exposures.", metavar="FILE")
+    index: int | None = _given(_types.INDEX, "Number of the exposure in --capture, counted from 0.")
     numbered_from: int | None = _given(
         click.IntRange(0, 1), "Number of the first frame in the photos' names.  [default: derived from the names]"
     )
@@ -162,7 +158,6 @@ class Recording:
         _types.START,
         "Start of the first row on the log's clock, or exif. In s, in videos that of the first frame; exif is the time "
         "in the photo's EXIF block, which the picture then makes exact.",
-        basic=True,
     )
     start_ns: int | None = _given(
         _types.NANOSECONDS,
@@ -171,7 +166,6 @@ class Recording:
     duration: float | None = _given(
         _types.DURATION,
         "Exposure time of a row: 0.05, 1/20 or 50ms.  [default: from the metadata or EXIF]",
-        basic=True,
     )
     time_offset: float | None = _given(_types.SECONDS, "Camera time minus gyro time; replaces the camera file's.")
     readout_time: float | None = _given(_types.READOUT, "Readout time of the picture; replaces the camera file's.")
@@ -215,7 +209,6 @@ def _option_of(each: Field[Any], *, required: bool) -> Decorator:
         type=_types.KINDS[facts["kind"]] if "kind" in facts else kind,
         metavar=facts.get("metavar"),
         required=required,
-        basic=facts.get("basic", False),
         # With any default, even None, click takes an option for given.
         **({} if each.default is None else {"default": each.default}),
         show_default=facts.get("shown", each.default is not None),
@@ -316,25 +309,11 @@ def jobs_option(what: str, default: str) -> Decorator:
     )
 
 
-def shared_threads(jobs: int | None, threads: int | None, *, tasks: int | None = None) -> tuple[int, int]:
-    """Return the number of processes and of threads in each: as given, else so that they use all cores.
-
-    For a known number of small `tasks` there are as many processes as there are cores, tasks and 2 GiB of memory for.
-    """
+def shared_threads(jobs: int | None, threads: int | None, *, least: int = 2) -> tuple[int, int]:
+    """Return the number of tasks at a time and of threads in each, `least` or more: as given, else to use all cores."""
     cores = rs.thread_count(None)
-    if tasks is not None:
-        jobs = jobs or max(1, min(cores // (threads or 1), tasks, _memory() // 2**31))
-    # With more than two threads, most would wait while the process reads or writes a file.
-    jobs = jobs or max(1, cores // (threads or 2))
+    jobs = jobs or max(1, cores // (threads or least))
     return jobs, threads or max(1, cores // jobs)
-
-
-def _memory() -> int:
-    """Return the bytes of memory of this machine, or 8 GiB where the system does not say."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return 8 * 2**30
 
 
 def with_refinement(options: Options, asked: bool | None) -> Options:
@@ -346,10 +325,7 @@ def with_refinement(options: Options, asked: bool | None) -> Options:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """File or folder of the result, None where nothing is written, and what the command prints.
-
-    `report` is the page to write, if one is asked for.
-    """
+    """File or folder of the result, None where nothing is written, and what the command prints."""
 
     output: Path
     force: bool = False
@@ -366,13 +342,12 @@ class Target:
 
 
 TARGET = {
-    "force": option("--force", section=OUTPUT, basic=True, is_flag=True, help="Replace files that exist."),
+    "force": option("--force", section=OUTPUT, is_flag=True, help="Replace files that exist."),
     "as_json": option("--json", "as_json", section=OUTPUT, is_flag=True, help="Print JSON."),
     "dry_run": option("--dry-run", section=OUTPUT, is_flag=True, help="Read and check all inputs, and write nothing."),
     "report": option(
         "--report",
         section=OUTPUT,
-        basic=True,
         type=_types.PATH,
         metavar="HTML",
         help="Also write a page that shows the results in a browser.",
@@ -396,7 +371,7 @@ def target_options(
     options = [TARGET[name] for name in names]
     if metavar is not None:
         names = ["output", "force", *names]
-        output = option("-o", "--output", section=OUTPUT, basic=True, type=_types.PATH, metavar=metavar, help=text)
+        output = option("-o", "--output", section=OUTPUT, type=_types.PATH, metavar=metavar, help=text)
         options = [output, TARGET["force"], *options]
 
     def decorate(function: Function) -> Function:

@@ -15,7 +15,7 @@ import tomllib
 import unicodedata
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -38,7 +38,7 @@ COMPILING = "compiling what this command needs, once after the installation, whi
 PAGES = {
     r"give --readout-time|readout time is unknown": "readout-times",
     r"\baxes\b|imu_to_camera|--imu\b": "camera-file",
-    r"--gyro('|( and --camera)? missing|$)|unknown gyro log format|no gyro (data|samples)": "formats",
+    r"--gyro('|( and --camera)? missing)|as --gyro$|unknown gyro log format|no gyro (data|samples)": "formats",
 }
 # Errors that end one of several jobs alone.
 FAILURES = RsdeblurError, click.UsageError, OSError
@@ -51,10 +51,7 @@ def level() -> int:
 
 
 def printable(text: object) -> str:
-    """Return a text in which control characters, line breaks and bytes that are not text are escaped.
-
-    File names and texts in files may contain them; a terminal would interpret them.
-    """
+    """Return a text whose control characters, line breaks and bytes are escaped: a terminal would interpret them."""
     return "".join(
         character if character.isprintable() or unicodedata.category(character) == "Zs" else ascii(character)[1:-1]
         for character in str(text)
@@ -70,7 +67,18 @@ def say(*lines: object) -> None:
 
 def say_aside(line: object) -> None:
     """Print one line on stderr: an error, a warning, a remark."""
-    click.echo("rsdeblur: " + printable(" ".join(str(line).split())), err=True)
+    click.echo("rsdeblur: " + printable(linked(" ".join(str(line).split()))), err=True)
+
+
+def linked(message: str) -> str:
+    """Return a message with the page of the documentation that helps, once for each page and command."""
+    context = click.get_current_context(silent=True)
+    shown: set[str] = set() if context is None else context.meta.setdefault("rsdeblur.pages", set())
+    page = next((page for pattern, page in PAGES.items() if re.search(pattern, message)), None)
+    if page is None or page in shown:
+        return message
+    shown.add(page)
+    return f"{message.rstrip('.')}; see docs/{page}.md"
 
 
 def reason(error: Exception, file: object = "") -> str:
@@ -135,17 +143,6 @@ def be_verbose(context: click.Context) -> None:
     context.call_on_close(lambda: LOG.setLevel(before))
 
 
-def linked(message: str) -> str:
-    """Return a message with the page of the documentation that helps, once for each page and command."""
-    context = click.get_current_context(silent=True)
-    pages = [page for pattern, page in PAGES.items() if re.search(pattern, message)][:1]
-    shown: set[str] = set() if context is None else context.meta.setdefault("rsdeblur.pages", set())
-    if not pages or pages[0] in shown:
-        return message
-    shown.add(pages[0])
-    return f"{message.rstrip('.')}; see docs/{pages[0]}.md"
-
-
 def tolerate_output() -> None:
     """Escape characters that the encoding of stdout lacks from now on; stderr does so anyway."""
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -164,15 +161,11 @@ def refuse_inputs(output: Path) -> None:
 
 
 def prepare_folder(folder: Path, names: Iterable[str], *, force: bool, dry_run: bool = False) -> None:
-    """Make `folder` if needed and check that the files called `names` may be written into it.
-
-    Folders that were made and are still empty when the command ends are removed. A dry run makes none.
-    """
+    """Make `folder` if needed, but not in a dry run, and check that files called `names` may be written into it."""
     if folder.suffix.lower() in rs.KINDS and not folder.is_dir():
         raise OutputError(f"{folder}: the results are several files, so the output is a folder; give the name of one")
     if dry_run and not folder.exists():
         return
-    leave_none_empty((folder, *folder.parents))
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -180,19 +173,6 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool, dry_run: 
         raise OutputError(f"{folder}: cannot make the folder: {what}") from error
     for name in names:
         check_output(folder / name, force=force)
-
-
-def leave_none_empty(folders: Iterable[Path]) -> None:
-    """Remove the folders that do not exist yet, if they are empty when the command ends; workers leave that to it."""
-    made = sorted({each for each in folders if not each.exists()}, reverse=True)
-
-    def remove() -> None:
-        for each in made:
-            with suppress(OSError):
-                each.rmdir()
-
-    if (context := click.get_current_context(silent=True)) is not None:
-        context.call_on_close(remove)
 
 
 def check_output(path: Path, *, force: bool, suffixes: Sequence[str] = (), kind: str = "") -> None:
@@ -210,10 +190,7 @@ def check_camera_file(path: Path, *, force: bool) -> None:
 
 @cache
 def records() -> dict[str, dict[str, Any]]:
-    """Return the keys of each kind of record, each with its meaning, or with the kind of the records that it contains.
-
-    The name of a key that may be missing ends in "?".
-    """
+    """Return the keys of each kind of record with their meanings; one that may be missing ends in a question mark."""
     table: dict[str, dict[str, Any]] = tomllib.loads(files(__package__).joinpath("schema.toml").read_text("utf-8"))
     for keys in table.values():
         own = {name.rstrip("?") for name in keys}
@@ -295,29 +272,25 @@ def compiling() -> AbstractContextManager[Callable[[], float]]:
 
 @contextmanager
 def progress(title: str) -> Iterator[rs.Progress]:
-    """Show a progress bar if stderr is a terminal; yield the function that moves it.
-
-    Until its first move, the bar shows activity only. A verbose command prints what is logged instead, a quiet one
-    nothing.
-    """
-    with compiling():
-        # There is no stream if it was closed before the start (2>&-).
-        if level() or sys.stderr is None or not sys.stderr.isatty():
+    """Yield the function that moves a progress bar, which is shown if stderr is a terminal."""
+    # There is no stream if it was closed before the start (2>&-).
+    if level() or sys.stderr is None or not sys.stderr.isatty():
+        with compiling():
             yield lambda stage, fraction: None
-            return
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-        task = TextColumn("{task.description}", markup=False)
-        columns = (task, BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-            bar.add_task(title, total=None)
+    task = TextColumn("{task.description}", markup=False)
+    columns = (task, BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with compiling(), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        bar.add_task(title, total=None)
 
-            def move(stage: str, fraction: float) -> None:
-                # A smaller fraction starts another stage, whose remaining time is estimated again.
-                shown = bar.tasks[0]
-                if fraction < shown.completed:
-                    bar.reset(shown.id)
-                bar.update(shown.id, description=f"{title}: {stage}", total=1.0, completed=fraction)
+        def move(stage: str, fraction: float) -> None:
+            # A smaller fraction starts another stage, whose remaining time is estimated again.
+            shown = bar.tasks[0]
+            if fraction < shown.completed:
+                bar.reset(shown.id)
+            bar.update(shown.id, description=f"{title}: {stage}", total=1.0, completed=fraction)
 
-            yield move
+        yield move

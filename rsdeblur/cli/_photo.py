@@ -34,11 +34,7 @@ Elapsed = Callable[[], float]
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """A photo that is ready to be planned.
-
-    `options` contain what the files decide: transfer, translation, and whether to refine. Without a photo, the picture
-    of `inputs` is None.
-    """
+    """A photo that is ready to be planned, with options that its files decide; without a photo, its picture is None."""
 
     inputs: Inputs
     options: Options
@@ -76,18 +72,14 @@ def prepare(
     refine_anyway: bool = True,
     inputs: Inputs | None = None,
 ) -> Prepared:
-    """Read the inputs of a photo unless they are given, and decide by them how it is deblurred.
-
-    Without a photo, only kernels can be computed. With `max_memory`, it is mapped instead of read. `refine_anyway`
-    refines where the options do although gravity contradicts the axes.
-    """
+    """Read the inputs of a photo unless they are given, and decide by them how it is deblurred."""
     gravity = rs.Gravity()
     if photo is None:
         picture: Any = None
         inputs = Inputs(picture, *read_recording(recording))
     else:
         is_timed = inputs is not None or recording.start != "exif"
-        inputs = inputs or read_inputs(photo, recording, in_place=options.max_memory is not None)
+        inputs = inputs or read_inputs(photo, recording)
         gravity = photo_gravity(photo, inputs, recording)
         if gravity.contradicts and not refine_anyway:
             given, inputs = inputs, with_axes_of(gravity, inputs, photo)
@@ -107,10 +99,7 @@ def prepare(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PhotoJob:
-    """A photo to deblur, with its recording or the file of its PSFs, options and output.
-
-    `refine_anyway` refines where the options do although gravity contradicts the axes, as the user asked for it.
-    """
+    """A photo to deblur, with its recording or the file of its PSFs, options and output."""
 
     photo: Path
     recording: Recording
@@ -145,7 +134,12 @@ def deblur_photo(job: PhotoJob, move: rs.Progress | None = None) -> dict[str, An
 
 
 def _deblur(job: PhotoJob, move: rs.Progress | None, elapsed: Elapsed) -> dict[str, Any]:
-    _prepare_result(job)
+    if job.make_folder:
+        prepare_folder(job.output.parent, [], force=job.force, dry_run=job.dry_run)
+    if job.dry_run and job.make_folder and not job.output.parent.is_dir():
+        rs.check_kind(job.output)
+    else:
+        rs.check_writable(job.output, force=job.force)
     if job.psf is not None:
         refuse_given("is for a camera, which --psf does without", save_camera=job.save_camera)
         return _deconvolve(job, job.psf, move, elapsed)
@@ -175,7 +169,7 @@ def _deblur(job: PhotoJob, move: rs.Progress | None, elapsed: Elapsed) -> dict[s
 
 def _deconvolve(job: PhotoJob, psf: Path, move: rs.Progress | None, elapsed: Elapsed) -> dict[str, Any]:
     """Deblur one photo with PSFs from a file, which needs neither log nor camera."""
-    picture = rs.read_picture(job.photo, in_place=job.options.max_memory is not None)
+    picture = rs.read_picture(job.photo)
     bank = rs.read_psfs(psf, picture.pixels.shape)
     options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
     with naming(psf):
@@ -190,35 +184,18 @@ def _deconvolve(job: PhotoJob, psf: Path, move: rs.Progress | None, elapsed: Ela
     return _written(job, picture, solve, elapsed)
 
 
-def _prepare_result(job: PhotoJob) -> None:
-    """Check that the result can be written, and make its folder if the job does; a dry run makes none."""
-    if job.make_folder:
-        prepare_folder(job.output.parent, [], force=job.force, dry_run=job.dry_run)
-    if job.dry_run and job.make_folder and not job.output.parent.is_dir():
-        rs.check_kind(job.output)
-    else:
-        rs.check_writable(job.output, force=job.force)
-
-
 def _planned(job: PhotoJob, bank: rs.PsfBank, mode: Mode, picture: rs.Picture) -> dict[str, Any]:
     """Return the facts that a dry run knows."""
-    return {
-        "output": str(job.output),
-        "dry_run": True,
-        "mode": mode,
-        "psf_px": list(bank.size[::-1]),
-        "prior": job.options.prior_name,
-        "size_px": list(picture.pixels.shape[1::-1]),
-    }
+    facts = {"output": str(job.output), "dry_run": True, "mode": mode, "prior": job.options.prior_name}
+    return facts | {"psf_px": list(bank.size[::-1]), "size_px": list(picture.pixels.shape[1::-1])}
 
 
 def _written(job: PhotoJob, picture: rs.Picture, solve: Any, elapsed: Elapsed) -> dict[str, Any]:
     """Solve and write a picture, and return the facts to report."""
-    in_place = job.options.max_memory is not None
     # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
-    shape = picture.pixels.shape
-    with rs.picture_to_fill(job.output, shape, like=picture, force=job.force, in_place=in_place) as out:
-        result = solve(out)
+    out = rs.empty(picture.pixels.shape, picture.pixels.dtype)
+    result = solve(out)
+    rs.write_picture(job.output, out, like=picture, force=job.force)
     return rs.result_facts(result, job.output, job.options.prior_name, elapsed())
 
 

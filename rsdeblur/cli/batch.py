@@ -21,12 +21,9 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._items import COLUMNS, Item, read_items
 from rsdeblur.cli._options import FILES, FOLDER, Command, Recording, Target, shared_threads
 from rsdeblur.cli._output import (
-    arranged,
     capture_warnings,
     compiling,
-    leave_none_empty,
     level,
-    linked,
     prepare_folder,
     print_json,
     print_table,
@@ -109,7 +106,7 @@ def run(
         _print(summary, target)
     errors = [entry["error"] for entry in entries if "error" in entry]
     for error in errors:
-        say_aside(f"error: {linked(error)}")
+        say_aside(f"error: {error}")
     if errors:
         click.get_current_context().exit(3)
 
@@ -117,11 +114,8 @@ def run(
 def _earlier(path: Path) -> dict[str, Any] | None:
     """Return the entries of an earlier run by their outputs; None if there is no list, or another program's."""
     try:
-        found: dict[str, Any] = json.loads(read_file(path, "list of results"))
-        # A list that was changed could claim anything.
-        if found["details"].pop("digest") != _digest(found["items"]):
-            return None
-        return {entry["output"]: entry for entry in found["items"] if "output" in entry}
+        found = json.loads(read_file(path, "list of results"))["items"]
+        return {entry["output"]: entry for entry in found if "output" in entry}
     except (ValueError, RecursionError, AttributeError, KeyError, TypeError):
         return None
 
@@ -149,7 +143,6 @@ def _deblurred(
             if not _is_done(job, entry, earlier.get(str(job.output), {})):
                 # The first worker speaks for all.
                 tasks.append((i, job, not tasks and level() >= 0))
-    leave_none_empty(folder for _, job, _ in tasks for folder in job.output.parents)
     if tasks:
         _write(target, entries)
     try:
@@ -199,8 +192,7 @@ def _summary(entries: list[dict[str, Any]]) -> dict[str, Any]:
 def _write(target: Target, entries: list[dict[str, Any]]) -> None:
     """Write the list of results, of those under way too: each is written as a whole, or not at all."""
     if not target.dry_run:
-        facts = arranged("batch", _summary(entries) | {"items": entries})
-        write_json(target.output / BATCH, "batch", facts | {"digest": _digest(facts["items"])})
+        write_json(target.output / BATCH, "batch", _summary(entries) | {"items": entries})
 
 
 @contextmanager
@@ -227,10 +219,6 @@ def _tidy(task: tuple[int, PhotoJob, bool]) -> None:
         remove_unfinished(task[1].output)
 
 
-def _digest(content: Any) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
 def _recipe(job: PhotoJob) -> str:
     """Return a text that changes with all that the result depends on: its settings and its files.
 
@@ -240,7 +228,8 @@ def _recipe(job: PhotoJob) -> str:
     settings = [replace(job.options, threads=None), job.refine_anyway]
     settings += [value for key, value in asdict(job.recording).items() if key not in FILES]
     files = [job.photo, *(getattr(job.recording, key) for key in FILES)]
-    return _digest(repr((settings, [path and (path.name, *(file_state(path) or ())[2:]) for path in files])))
+    text = repr((settings, [path and (path.name, *(file_state(path) or ())[2:]) for path in files]))
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _verdict(entry: dict[str, Any]) -> str:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +14,7 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, photo_gravity, read_clip, read_inputs, transfer_of
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._options import CLIP, ONE_OF_MANY, SOLVE, Command, Recording, Target, option, refuse_given
-from rsdeblur.cli._output import capture_warnings, progress
+from rsdeblur.cli._output import progress
 from rsdeblur.cli._photo import stopwatch
 from rsdeblur.cli._types import PATH, TextType, numbers
 from rsdeblur.errors import InputError
@@ -70,7 +69,6 @@ def _result(photos: tuple[Path, ...], clip: Path | None, **_: Any) -> Path:
     "OUT",
     "Picture to write; by default PHOTO-burst or VIDEO-burst.png beside the first one.",
     default=_result,
-    more=("report",),
 )
 def command(
     photos: tuple[Path, ...],
@@ -92,11 +90,8 @@ def command(
         raise click.UsageError(f"--reference {reference} is not one of --frames")
     rs.check_writable(target.output, force=target.force)
     shots = _from_clip(clip, frames, recording) if clip else _from_photos(photos, frames, recording)
-    with naming(None, recording), capture_warnings() as texts:
-        facts, result = _deblurred(shots, options, target, reference=reference)
-    if target.report is not None:
-        compared = _compared(clip or photos[result.reference], shots, facts, result, options)
-        rs.write_page(target.report, compared.completed(asdict(recording), options, texts))
+    with naming(None, recording):
+        facts = _deblurred(shots, options, target, reference=reference)
     target.show("burst", facts, *_lines(facts))
 
 
@@ -110,24 +105,8 @@ class Shots(NamedTuple):
     camera: rs.Camera
 
 
-def _checked(shots: Shots, names: Sequence[Path | str]) -> Shots:
-    """Return the frames of a burst; raise an error that names a frame which the camera or the others do not fit."""
-    shapes = [picture.pixels.shape for picture in shots.pictures]
-    for name, shape in zip(names, shapes, strict=True):
-        with naming(name):
-            rs.check_size(shape, shots.camera)
-        if shape != shapes[0]:
-            raise InputError(
-                f"{name}: the picture has shape {shape}, but {names[0]} has {shapes[0]}; the frames of a burst must "
-                "have the same channels"
-            )
-    return shots
-
-
-def _deblurred(
-    shots: Shots, options: Options, target: Target, *, reference: int | None
-) -> tuple[dict[str, Any], rs.BurstResult]:
-    """Deblur and write a burst, and return the facts to report and the result."""
+def _deblurred(shots: Shots, options: Options, target: Target, *, reference: int | None) -> dict[str, Any]:
+    """Deblur and write a burst, and return the facts to report."""
     pictures, numbers, exposures, log, camera = shots
     options = replace(options, transfer=transfer_of(pictures[0], options.transfer))
     with stopwatch() as elapsed, progress("burst") as move:
@@ -140,26 +119,13 @@ def _deblurred(
         )
         seconds = elapsed()
     rs.write_picture(target.output, result.image, like=pictures[result.reference], force=target.force)
-    return _facts(result, numbers, target.output, options, seconds), result
-
-
-def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: rs.BurstResult, options: Options) -> rs.Page:
-    """Return the content of the page: the result beside the reference, and the weights of all frames."""
-    index, label = result.reference, f"burst, {result.mode}"
-    picture = shots.pictures[index]
-    transfer = transfer_of(picture, options.transfer)
-    return rs.Page(
-        {"photo": str(photo), "modes": {label: facts}},
-        *(picture, shots.log, shots.camera, shots.exposures[index]),
-        {
-            f"frame {facts['reference']}": rs.display_values(picture.pixels, transfer),
-            label: rs.display_values(result.image, transfer),
-        },
-        {label: result.result.psfs},
-        transfer,
-        1.0 - float(result.result.coverage.mean()),
-        frames=[used | {"weights": frame.weights} for used, frame in zip(facts["frames"], result.frames, strict=True)],
-    )
+    used = [
+        {"frame": number} | {each.name: getattr(use, each.name) for each in fields(use) if each.name != "weights"}
+        for number, use in zip(numbers, result.frames, strict=True)
+    ]
+    facts = rs.result_facts(result.result, target.output, options.prior_name, seconds)
+    facts["refinement"] = rs.refinement_facts(result.refinement)
+    return facts | {"reference": numbers[result.reference], "frames": used}
 
 
 def _from_photos(photos: tuple[Path, ...], frames: list[int], recording: Recording) -> Shots:
@@ -175,7 +141,7 @@ def _from_photos(photos: tuple[Path, ...], frames: list[int], recording: Recordi
         inputs.append(read_inputs(photo, each))
         photo_gravity(photo, inputs[-1], each)
     pictures, exposures = [each.picture for each in inputs], [each.exposure for each in inputs]
-    return _checked(Shots(pictures, frames, exposures, inputs[0].log, inputs[0].camera), photos)
+    return Shots(pictures, frames, exposures, inputs[0].log, inputs[0].camera)
 
 
 def _from_clip(clip: Path, frames: list[int], recording: Recording) -> Shots:
@@ -185,18 +151,7 @@ def _from_clip(clip: Path, frames: list[int], recording: Recording) -> Shots:
         raise InputError(f"{clip}: there is no frame {max(frames)}; the last one is {len(opened) - 1}")
     with naming(clip):
         pictures = [rs.Picture(rs.values_of(next(rs.frames(opened, n, n + 1)))) for n in frames]
-    shots = Shots(pictures, frames, [exposures[n] for n in frames], log, camera)
-    return _checked(shots, [f"{clip}, frame {n}" for n in frames])
-
-
-def _facts(result: rs.BurstResult, frames: list[int], output: Path, options: Options, seconds: float) -> dict[str, Any]:
-    used = [
-        {"frame": number} | {m.name: getattr(use, m.name) for m in fields(use) if m.name != "weights"}
-        for number, use in zip(frames, result.frames, strict=True)
-    ]
-    facts = rs.result_facts(result.result, output, options.prior_name, seconds)
-    facts["refinement"] = rs.refinement_facts(result.refinement)
-    return facts | {"reference": frames[result.reference], "frames": used}
+    return Shots(pictures, frames, [exposures[n] for n in frames], log, camera)
 
 
 def _lines(facts: dict[str, Any]) -> list[str]:

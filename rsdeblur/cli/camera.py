@@ -38,7 +38,6 @@ settings = _options.together(
     option("--readout-time", type=READOUT, help="Readout time of the picture."),
     option(
         "--readout-direction",
-        basic=False,
         type=click.Choice(READOUT_DIRECTIONS),
         help="Direction of the readout in the picture as stored.",
     ),
@@ -50,16 +49,11 @@ settings = _options.together(
     option("--time-offset", type=SECONDS, help="Camera time minus gyro time."),
     option(
         "--timestamp-marks",
-        basic=False,
         type=click.Choice(TIMESTAMP_MARKS),
         help="Moment of the timestamps: the start of the first row's exposure, the middle of the middle row's, or the "
         "end of the last row's.",
     ),
 )
-
-
-# Assumption of `camera new` without --imu.
-UNSTATED_AXES = "the axes of the camera are assumed for the gyro, but those of phones differ: give --imu"
 
 
 @click.group("camera", epilog=EXAMPLES)
@@ -83,11 +77,10 @@ def show(file: Path, name: str | None, target: Target) -> None:
 @option("--principal-point", type=NUMBERS, help="Principal point cx,cy in px.  [default: the middle]")
 @option(
     "--distortion-model",
-    basic=False,
     type=click.Choice(["none", "radtan", "fisheye"]),
     help="Model of the lens distortion.",
 )
-@option("--distortion", basic=False, type=NUMBERS, help="Its coefficients: k1,k2,p1,p2[,k3[,k4,k5,k6]] or k1,k2,k3,k4.")
+@option("--distortion", type=NUMBERS, help="Its coefficients: k1,k2,p1,p2[,k3[,k4,k5,k6]] or k1,k2,k3,k4.")
 @settings
 @_options.target_options("TOML", f"Camera file to write; by default {CAMERA}.", default=lambda **_: Path(CAMERA))
 def new(
@@ -106,17 +99,18 @@ def new(
         length = rs.focal35_px(focal35, *size)
     unknown = rs.UNKNOWN_READOUT if values["readout_time"] is None else {}
     given = {key: value for key, value in values.items() if value is not None}
-    assumptions = () if "imu_to_camera" in given else (rs.Assumption("imu_to_camera", UNSTATED_AXES),)
+    text = "the axes of the camera are assumed for the gyro, but those of phones differ: give --imu"
+    assumptions = () if "imu_to_camera" in given else (rs.Assumption("imu_to_camera", text),)
     camera = rs.Camera(width, height, length, **(unknown | given))
     _write(rs.CameraFile(camera, "toml", assumptions=assumptions), target)
 
 
 @command.command("import", cls=Command)
 @click.argument("source", type=PATH)
-@option("--format", basic=False, metavar="NAME", help="Format of the file.  [default: recognised by its content]")
+@option("--format", metavar="NAME", help="Format of the file.  [default: recognised by its content]")
 @option("--name", metavar="CAMERA", help="Name of the camera, if the file has several: cam1.")
 @option("--size", type=SIZE, help="Size of your pictures, if it is not that of the file.")
-@option("--fps", basic=False, type=POSITIVE, help="Frame rate, if a lens profile has several settings of one size.")
+@option("--fps", type=POSITIVE, help="Frame rate, if a lens profile has several settings of one size.")
 @option("--focal-length", type=POSITIVE, help="Focal length in px of your pictures; replaces the file's.")
 @option("--focal35", type=POSITIVE, help="Focal length as 35 mm equivalent; needs --size.")
 @option(

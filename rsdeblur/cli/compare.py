@@ -35,7 +35,6 @@ Examples:
 @option(
     *("--mode", "modes"),
     section=BLUR,
-    basic=True,
     type=click.Choice(MODES),
     multiple=True,
     help="Mode to compare; repeat it.  [default: all]",
@@ -115,8 +114,7 @@ def compare_modes(
     if target.as_json:
         print_json("compare", report)
         return
-    header, *rows = rs.mode_table(report)
-    print_table(header, rows)
+    print_table(*rs.mode_table(report))
     for mode, facts in report["modes"].items():
         say(*(f"  {mode}: {line.strip()}" for line in rs.remarks({"check": facts["check"]})))
     say(*rs.remarks(report))
@@ -124,12 +122,11 @@ def compare_modes(
 
 def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options], target: Target) -> rs.Page:
     """Deblur and write the picture in each mode, and return the comparison with the results."""
-    picture, recorded = ready.inputs.picture, None
+    picture = ready.inputs.picture
     with progress("plan") as move, ready.naming:
         planned = ready.plan(move, next(iter(each_mode.values())))
     if planned.refinement is not None:
         compared.report["refinement"] = rs.refinement_facts(planned.refinement)
-        recorded = ready.kernels()[0] if planned.refinement.accepted else None
     banks: dict[str, rs.PsfBank] = {}
     unseen = 0.0
     names = output_names(Path(compared.report["photo"]), list(each_mode))
@@ -143,7 +140,7 @@ def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options]
         compared.shown[mode], banks[mode] = rs.display_values(result.image, compared.transfer), result.psfs
         compared.report["modes"][mode] = rs.result_facts(result, target.output / name, chosen.prior_name, seconds)
         unseen = 1.0 - float(result.coverage.mean())
-    return compared._replace(banks=banks, unseen=unseen, recorded=recorded)
+    return compared._replace(banks=banks, unseen=unseen)
 
 
 def _read_truth(truth: Path, photo: Path, picture: rs.Picture, transfer: Transfer | Auto) -> rs.NDArray[Any]:

@@ -40,7 +40,6 @@ def default_output(photos: tuple[Path, ...], **_: Any) -> Path:
 @option(
     "--psf",
     section=RECORDING,
-    basic=True,
     type=PATH,
     metavar="KERNEL",
     help="The blur as a kernel (picture, .npy) or PSF bank.",
@@ -107,6 +106,6 @@ def command(
         size, kernels = (" x ".join(map(str, facts[name])) for name in ("size_px", "psf_px"))
         how = f"{facts['mode']}, PSFs of up to {kernels} px, {facts['prior']}"
         target.show("deblur --dry-run", facts, f"{photo}: {size} px, all inputs fit; would write {output} ({how})")
-    else:
-        asked = bool(refine) or level() > 0
-        target.show("deblur", facts, f"{output}: {rs.summary(facts)}", *rs.remarks(facts, asked=asked))
+        return
+    asked = bool(refine) or level() > 0
+    target.show("deblur", facts, f"{output}: {rs.summary(facts)}", *rs.remarks(facts, asked=asked))

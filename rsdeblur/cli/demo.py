@@ -24,8 +24,6 @@ from rsdeblur.pipeline.options import Options
 FOCAL35 = 26  # mm, of the photos of a camera app
 LOG, CAPTURES, MOVIE = "gyro_accel.csv", "movie_metadata.csv", "movie.mp4"
 CAPTURE_LOG = "gyro.csv"
-# Least side of the picture, px.
-LEAST_SIDE = 64
 
 
 # Header and row of a log; a row contains the time `t` in ns, the seconds `s` from the start, x, y and z.
@@ -122,10 +120,8 @@ def command(size: tuple[int, int], seed: int, kind: str, target: Target) -> None
     --recording or --video, writes what a logger app would: a gyro log, the exposures, photos or a video, and a camera
     file. With --stock-camera, writes photos with EXIF blocks and a gyro log. Each prints the command that deblurs.
     """
-    if min(size) < LEAST_SIDE:
-        raise click.UsageError(f"--size {size[0]}x{size[1]}: the sides must be at least {LEAST_SIDE} px")
-    if kind == "video" and (size[0] % 2 or size[1] % 2):
-        raise click.UsageError(f"--size {size[0]}x{size[1]}: the sides of a video must be even")
+    if min(size) < 64 or (kind == "video" and (size[0] % 2 or size[1] % 2)):
+        raise click.UsageError(f"--size {size[0]}x{size[1]}: the sides must be at least 64 px, and of a video even")
     output, force = target.output, target.force
     names, words = KINDS[kind].files, KINDS[kind].command.split()
     again = shlex.join(["rsdeblur", *(word.format(d=output) for word in words)])

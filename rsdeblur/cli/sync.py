@@ -76,12 +76,12 @@ def command(
             transfer=transfer_of(inputs[0].picture, transfer),
             progress=move,
         )
-    is_written = write and found.time_offset is not None
-    if is_written and found.time_offset is not None:
-        rs.write_time_offset(recording.camera, found.time_offset)
-    lines = []
+    lines, written = [], None
     if found.time_offset is not None:
-        place = f"; written to {recording.camera}" if is_written else ""
-        lines = [f"time offset {1e3 * found.time_offset:.1f} ms (+- {1e3 * found.sd:.1f}){place}"]
-    target.show("sync", rs.offset_facts(found) | {"written": str(recording.camera) if is_written else None}, *lines)
+        lines = [f"time offset {1e3 * found.time_offset:.1f} ms (+- {1e3 * found.sd:.1f})"]
+        if write:
+            rs.write_time_offset(recording.camera, found.time_offset)
+            written = str(recording.camera)
+            lines.append(f"written to {written}")
+    target.show("sync", rs.offset_facts(found) | {"written": written}, *lines)
     checked_offset(found, photos)

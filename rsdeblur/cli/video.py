@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +52,7 @@ Examples:
     metavar="PX",
     help="Deblur only frames in which a point draws a longer path than this; 0 deblurs all.",
 )
-@_options.jobs_option("frames at a time", "the number of cores, fewer with little memory")
+@_options.jobs_option("frames at a time", "the number of cores")
 @_options.target_options(
     "OUT",
     "Video to write: .mp4, .mov, .mkv or .webm; by default VIDEO-sharp beside it.",
@@ -85,7 +85,7 @@ def command(
         clip, log, camera, exposures = read_clip(source, recording)
         encoding = rs.Encoding.like(clip, codec=codec, crf=crf)
         rs.check_output(clip, encoding, output, force=target.force)
-        jobs, threads = _options.shared_threads(jobs, options.threads, tasks=len(clip))
+        jobs, threads = _options.shared_threads(jobs, options.threads, least=1)
         plan = rs.plan_clip(clip, log, camera, exposures, options, above=above, progress=move)
         plan = replace(plan, options=replace(plan.options, threads=threads))
         facts = {"output": str(output), **rs.clip_facts(plan), "codec": encoding.codec, "pixels": encoding.pixels}
@@ -93,8 +93,8 @@ def command(
         if reasons:
             warn(f"{source}: {len(reasons)} of {len(clip)} frames are kept as they are; {reasons[0]}")
         if not target.dry_run:
-            result = rs.deblur_video(plan, output, encoding=encoding, jobs=jobs, force=target.force, progress=move)
-            facts |= asdict(result) | {"seconds": time.perf_counter() - begin}
+            dropped = rs.deblur_video(plan, output, encoding=encoding, jobs=jobs, force=target.force, progress=move)
+            facts |= {"dropped": dropped, "seconds": time.perf_counter() - begin}
     target.show("video", facts | {"dry_run": target.dry_run}, *_lines(source, output, facts))
 
 

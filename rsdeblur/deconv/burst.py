@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.choices import Border, Planning
+from rsdeblur.choices import Border
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.quadratic import TileNormal
 from rsdeblur.deconv.rowwise import RowSolver
@@ -28,12 +28,9 @@ class BurstQuadratic(TileNormal):
         U = ((1 + nsr) sum_i a_i conj(H_i) G_i + beta V) / (sum_i a_i |H_i|^2 + nsr + beta |D|^2)
 
     The share a_i of a frame is the inverse of its noise power, divided by the sum of these over all frames. With one
-    frame this is :class:`rsdeblur.deconv.TileQuadratic`, or without a prior :class:`rsdeblur.Deconvolver`, whose
-    arguments and errors it has. `wiener` says that pictures are solved without a prior, which takes margins that depend
-    on `nsr`.
-
-    Both sums are computed once for each frequency of each tile, frame by frame, and kept. So memory, and the time of a
-    solve, do not grow with the number of frames.
+    frame this is :class:`rsdeblur.deconv.TileQuadratic`, or :class:`rsdeblur.Deconvolver` if `wiener` says that
+    pictures are solved without a prior. Both sums are computed once and kept, frame by frame, so memory and the time of
+    a solve do not grow with the number of frames.
     """
 
     def __init__(
@@ -45,12 +42,11 @@ class BurstQuadratic(TileNormal):
         nsr: float = 0.001,
         wiener: bool = False,
         border: Border = "blend",
-        planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
         for bank in banks:
             validate.instance("bank", bank, PsfBank)
-        check_places(banks, shares)
+        _check_places(banks, shares)
         nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
         margin = LEAST_MARGIN
         if wiener:
@@ -63,7 +59,6 @@ class BurstQuadratic(TileNormal):
             nsr=nsr,
             margin=margin,
             border=border,
-            planning=planning,
             threads=threads,
         )
         self.shares = tuple(map(float, shares))
@@ -103,14 +98,14 @@ class RowBurst(RowSolver):
     """Deconvolution of several pictures of one scene with the PSF of every row, planned once and applied often.
 
     With one frame this is :class:`rsdeblur.deconv.RowDeconvolver`, whose arguments and errors it has. The normal matrix
-    is assembled from all frames, whose paths are in the same strips, but factored once. Its bandwidth is that of the
+    is assembled from all frames, whose paths are in the same strips, but factored once: its bandwidth is that of the
     frame whose paths are tallest. `shares` are those of :class:`BurstQuadratic`.
     """
 
     def __init__(
         self, frames: Sequence[BlurPaths], shares: Sequence[float], shape: tuple[int, ...], **engine: Any
     ) -> None:
-        check_places(frames, shares)
+        _check_places(frames, shares)
         super().__init__(frames, shares, shape, **engine)
 
     def apply(
@@ -145,7 +140,7 @@ def _checked(images: Iterable[ArrayLike], count: int, shape: tuple[int, ...]) ->
         raise InputError(f"the solver is planned for {count} pictures, got {pictures}")
 
 
-def check_places(blurs: Sequence[PsfBank] | Sequence[BlurPaths], shares: Sequence[float]) -> None:
+def _check_places(blurs: Sequence[PsfBank] | Sequence[BlurPaths], shares: Sequence[float]) -> None:
     """Raise `InputError` unless the blurs of all frames have the same places, and the shares suit them."""
     if not blurs or len(blurs) != len(shares):
         raise InputError(f"a burst needs PSFs and a share for each frame, got {len(blurs)} and {len(shares)}")

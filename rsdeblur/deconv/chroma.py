@@ -34,29 +34,22 @@ LUMA_WORK = 0.65
 Solve = Callable[[FloatImage, StageProgress], FloatImage]
 
 
-class HalfChroma:
-    """Two solvers that restore RGB pictures together: one of the brightness, one of the picture at half size.
+def half_chroma(luma: Solve, half: Solve, *, peak: float, threads: int | None = None) -> Solve:
+    """Return the solver of RGB pictures that consists of one of the brightness, and one of the picture at half size.
 
     `luma` takes the shape (H, W, 1) and has the PSFs of the picture; `half` takes that of :func:`half_shape` and has
     those of :func:`halved`. `peak` is the :func:`rsdeblur.deconv.priors.brightness` of the pictures.
     """
 
-    def __init__(self, luma: Solve, half: Solve, *, peak: float, threads: int | None = None) -> None:
-        self._luma, self._half = luma, half
-        self._peak, self._threads = max(peak, LEAST_PEAK), threads
-
-    def __call__(self, light: FloatImage, progress: StageProgress) -> FloatImage:
-        """Restore one picture (H, W, 3), which is overwritten, and report the finished fraction."""
-
-        def part(done: float, share: float) -> StageProgress:
-            return lambda fraction: progress(done + share * fraction)
-
-        luma, half = separate(light, self._threads)
-        luma = self._luma(luma, part(0.0, LUMA_WORK))
-        half = self._half(half, part(LUMA_WORK, 1.0 - LUMA_WORK))
+    def solve(light: FloatImage, progress: StageProgress) -> FloatImage:
+        bright, small = separate(light, threads)
+        bright = luma(bright, lambda fraction: progress(LUMA_WORK * fraction))
+        small = half(small, lambda fraction: progress(LUMA_WORK + (1.0 - LUMA_WORK) * fraction))
         # New memory of that size would take the system as long as the work itself.
-        join(luma, half, self._peak, light, self._threads)
+        join(bright, small, max(peak, LEAST_PEAK), light, threads)
         return light
+
+    return solve
 
 
 def luma_share(prior: Prior | Denoiser, exponent: float) -> float:

@@ -1,10 +1,6 @@
 """The only module that calls FFTW: planned transforms of lines, in buffers that belong to the transforms.
 
 A transform runs in the thread that calls it; threads share blocks of work (`rsdeblur.deconv.hybrid`), not transforms.
-
-Measured plans are kept while the process runs. FFTW would use its memory of plans, its wisdom, for estimated ones too,
-so that the bits of a result would depend on what was measured before. Hence it has the wisdom of measured plans only
-while it measures.
 """
 
 from __future__ import annotations
@@ -19,7 +15,6 @@ from numpy.typing import NDArray
 
 from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import held_at_forks
-from rsdeblur.choices import Planning
 from rsdeblur.kernels import spectral
 from rsdeblur.types import ComplexArray, Float32Array
 
@@ -54,9 +49,7 @@ class RowTransform:
     transformed as half as many complex values (:func:`rsdeblur.kernels.spectral.unpair_numpy`).
     """
 
-    def __init__(
-        self, shape: tuple[int, int, int], planning: Planning = "estimate", spectra: ComplexArray | None = None
-    ) -> None:
+    def __init__(self, shape: tuple[int, int, int], spectra: ComplexArray | None = None) -> None:
         *lines, n = shape
         self.real: Float32Array = empty(shape, np.float32)
         self.spectra: ComplexArray = empty((*lines, n // 2 + 1), np.complex64) if spectra is None else spectra
@@ -64,8 +57,8 @@ class RowTransform:
         self._packed: ComplexArray = empty((*lines, n // 2 if self._paired else n // 2 + 1), np.complex64)
         self._turns = spectral.turns(n // 2)
         values = self.real.view(np.complex64) if self._paired else self.real
-        self._forward: Callable[[], None] = _plan(values, self._packed, "FFTW_FORWARD", planning).execute
-        self._inverse: Callable[[], None] = _plan(self._packed, values, "FFTW_BACKWARD", planning).execute
+        self._forward: Callable[[], None] = _plan(values, self._packed, "FFTW_FORWARD").execute
+        self._inverse: Callable[[], None] = _plan(self._packed, values, "FFTW_BACKWARD").execute
         # A caller may fill the buffer in part, but the transform reads all of it.
         self.real[...] = 0
 
@@ -93,41 +86,24 @@ class LineTransform:
     """Complex transform along the last axis: `lines` (..., n) <-> `spectra` (..., n).
 
     Both buffers are created here. The inverse is not scaled. Transforms in place would take FFTW more than twice the
-    time unless it measures its plans. Each direction may destroy what it reads.
+    time. Each direction may destroy what it reads.
     """
 
-    def __init__(self, shape: tuple[int, ...], planning: Planning = "estimate") -> None:
+    def __init__(self, shape: tuple[int, ...]) -> None:
         self.lines: ComplexArray = empty(shape, np.complex64)
         self.spectra: ComplexArray = empty(shape, np.complex64)
-        self.forward: Callable[[], None] = _plan(self.lines, self.spectra, "FFTW_FORWARD", planning).execute
-        self.inverse: Callable[[], None] = _plan(self.spectra, self.lines, "FFTW_BACKWARD", planning).execute
+        self.forward: Callable[[], None] = _plan(self.lines, self.spectra, "FFTW_FORWARD").execute
+        self.inverse: Callable[[], None] = _plan(self.spectra, self.lines, "FFTW_BACKWARD").execute
         self.lines[...] = 0
         self.spectra[...] = 0
 
 
-def _plan(source: NDArray[Any], target: NDArray[Any], direction: str, planning: Planning) -> Any:
+def _plan(source: NDArray[Any], target: NDArray[Any], direction: str) -> Any:
     """Return the transform of lines from `source` to `target`, unscaled; it may destroy `source`."""
-
-    def plan(limit: float | None) -> Any:
-        flags = (f"FFTW_{planning.upper()}", "FFTW_DESTROY_INPUT")
-        return pyfftw.FFTW(source, target, axes=(-1,), direction=direction, flags=flags, planning_timelimit=limit)
-
+    flags = ("FFTW_ESTIMATE", "FFTW_DESTROY_INPUT")
     with _planner:
-        if planning == "estimate":
-            return plan(None)
-        aside = pyfftw.export_wisdom()
-        pyfftw.forget_wisdom()
-        pyfftw.import_wisdom((b"", *_measured, b""))
-        try:
-            planned = plan(1.0)  # s
-            _measured[:] = [pyfftw.export_wisdom()[1]]
-            return planned
-        finally:
-            pyfftw.forget_wisdom()
-            pyfftw.import_wisdom(aside)
+        return pyfftw.FFTW(source, target, axes=(-1,), direction=direction, flags=flags)
 
 
-# Wisdom about the plans that this process measured, in single precision.
-_measured = [b""]
-# FFTW has one planner and one wisdom per process.
+# FFTW has one planner per process.
 _planner = held_at_forks(threading.RLock())

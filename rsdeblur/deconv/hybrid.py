@@ -17,12 +17,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import ThreadTeam
-from rsdeblur.choices import Border, Planning
+from rsdeblur.choices import Border
 from rsdeblur.deconv.fft import LineTransform, RowTransform
 from rsdeblur.deconv.tiling import Tile, Tiling, fade
 from rsdeblur.kernels import lines, spectral
@@ -72,7 +73,6 @@ class Hybrid:
         strips: Tiling,
         *,
         border: Border,
-        planning: Planning,
         threads: int,
     ) -> None:
         self.height, _, self.channels = shape
@@ -87,23 +87,23 @@ class Hybrid:
         self.together = max(1, min(len(bands.tiles), SLAB_BYTES // slab_bytes))
         firsts = range(0, len(bands.tiles), self.together)
         self._groups = [_Group.of(first, bands.tiles[first : first + self.together]) for first in firsts]
-        self.spectra = self._new_spectra()
-        self._workers = [
-            _Worker(self.spectra, self.height, (self._block, strips.length), (self.together, bands.length), planning)
-            for _ in range(threads)
-        ]
-        self.team = ThreadTeam(threads)
-
-    def _new_spectra(self) -> ComplexArray:
-        """Return memory for the spectra of all rows of one strip, not initialised."""
         padded_height = -(-self.height // self._block) * self._block
         # The 8 columns more make the number of cache lines in a row odd: with rows a multiple of 4096 bytes apart, all
         # would share cache sets.
-        spectra: ComplexArray = empty((self.channels, padded_height, self.blocks * COLUMNS + 8), np.complex64)
+        self.spectra: ComplexArray = empty((self.channels, padded_height, self.blocks * COLUMNS + 8), np.complex64)
         # Rows that fill up the last block are transformed with it. All others are touched first by the threads that
         # fill them, because the system clears new memory then: 0.3 s for 12 megapixels in one thread.
-        spectra[:, self.height :] = 0
-        return spectra
+        self.spectra[:, self.height :] = 0
+        columns = self.channels, COLUMNS, self.height
+        self._workers = [
+            _Worker(
+                RowTransform((self.channels, self._block, strips.length), self.spectra),
+                LineTransform((self.together, self.channels, COLUMNS, bands.length)),
+                *(empty(columns, np.complex64) for _ in range(2)),
+            )
+            for _ in range(threads)
+        ]
+        self.team = ThreadTeam(threads)
 
     def filter(
         self,
@@ -136,95 +136,72 @@ class Hybrid:
 
         Return whether all values that were read are finite. Both in one pass find the spectra in the cache.
         """
-        reads, writes, finite = picture is not None, out is not None and strip > 0, [True]
-        if not (reads or writes):
+        finite = [True]
+        if picture is None and (out is None or strip == 0):
             return True
 
         def block(thread: int, top: int) -> None:
-            rows = min(self._block, self.height - top)
+            worker, rows = self._workers[thread].rows, min(self._block, self.height - top)
             if out is not None and strip > 0:
-                self._restore(thread, top, rows, strip - 1, out)
-            if picture is not None and not self._transform(thread, top, rows, strip, picture):
-                finite[0] = False
+                worker.inverse(top)
+                self._blend(worker.real, top, rows, strip - 1, out)
+            if picture is not None:
+                start = self.strips.tiles[strip].start
+                if not lines.picture_to_lines(picture, top, rows, start, self._strip_fade, self._periodic, worker.real):
+                    finite[0] = False
+                worker.forward(top)
 
         self.team.share(block, range(0, self.height, self._block))
         return finite[0]
 
-    def _transform(self, thread: int, top: int, rows: int, strip: int, picture: Float32Array) -> bool:
-        """Cut a strip out of a block of rows and transform them; return whether they are finite."""
-        worker, start = self._workers[thread], self.strips.tiles[strip].start
-        finite = lines.picture_to_lines(picture, top, rows, start, self._strip_fade, self._periodic, worker.rows.real)
-        worker.rows.forward(top)
-        return finite
-
-    def _restore(self, thread: int, top: int, rows: int, strip: int, out: Float32Array) -> None:
-        """Transform a block of rows back, and blend them into `out` where a strip contributes.
+    def _blend(self, restored: Float32Array, top: int, rows: int, strip: int, out: Float32Array) -> None:
+        """Blend a block of restored rows into `out` where a strip contributes.
 
         Strips come in order: each is added to the one before, and overwrites what lies beyond it.
         """
         before, tile = self.strips.tiles[strip - 1], self.strips.tiles[strip]
         overlap = max(before.first + len(before.weights) - tile.first, 0) if strip else 0
-        worker = self._workers[thread]
-        worker.rows.inverse(top)
         for part, add in ((slice(overlap), True), (slice(overlap, None), False)):
             weights, first = tile.weights[part], tile.first + (part.start or 0)
-            lines.lines_to_picture(worker.rows.real, rows, first - tile.start, weights, first, add, out, top)
+            lines.lines_to_picture(restored, rows, first - tile.start, weights, first, add, out, top)
 
     def _filter_columns(self, change: Filter, *, blank: bool, write: bool) -> None:
         """Filter every band of :attr:`spectra`, or of zeros if it is blank, and write the blend of all bands there."""
-        filter_block = self._filter_single if len(self.bands.tiles) == 1 else self._filter_bands
+        # A single band is extended in place, and nothing is blended.
+        single = len(self.bands.tiles) == 1
 
-        def share(thread: int, block: int) -> None:
-            filter_block(thread, block, change, blank, write)
-
-        self.team.share(share, range(self.blocks))
-
-    def _filter_single(self, thread: int, block: int, change: Filter, blank: bool, write: bool) -> None:
-        """Filter a block of columns of a single tile, which is extended in place."""
-        slabs, (group,) = self._workers[thread].slabs, self._groups
-        if blank:
-            slabs.spectra.fill(0)
-        else:
-            columns = slabs.lines[0]
-            lines.rows_to_columns(self.spectra, block * COLUMNS, self.height, columns)
-            lines.cut_lines(columns, self.height, group.starts, self._band_fade, self._periodic, slabs.lines)
-            slabs.forward()
-        change(thread, block, group.bands, slabs.spectra)
-        if write:
-            slabs.inverse()
-            lines.columns_to_rows(slabs.lines[0], self.spectra, block * COLUMNS, self.height)
-
-    def _filter_bands(self, thread: int, block: int, change: Filter, blank: bool, write: bool) -> None:
-        """Filter a block of columns of several bands, which are cut out; their sum is collected elsewhere."""
-        worker = self._workers[thread]
-        if not blank:
-            lines.rows_to_columns(self.spectra, block * COLUMNS, self.height, worker.columns)
-        worker.blended.fill(0)
-        for group in self._groups:
-            slabs, spectra = worker.slabs.lines[: len(group.starts)], worker.slabs.spectra[: len(group.starts)]
-            if blank:
-                spectra.fill(0)
-            else:
-                lines.cut_lines(worker.columns, self.height, group.starts, self._band_fade, self._periodic, slabs)
-                worker.slabs.forward()
-            change(thread, block, group.bands, spectra)
+        def block(thread: int, n: int) -> None:
+            worker = self._workers[thread]
+            columns, blended = 2 * (worker.slabs.lines[0],) if single else (worker.columns, worker.blended)
+            if not blank:
+                lines.rows_to_columns(self.spectra, n * COLUMNS, self.height, columns)
+            if not single:
+                blended.fill(0)
+            for group in self._groups:
+                slabs, spectra = worker.slabs.lines[: len(group.starts)], worker.slabs.spectra[: len(group.starts)]
+                if blank:
+                    spectra.fill(0)
+                else:
+                    lines.cut_lines(columns, self.height, group.starts, self._band_fade, self._periodic, slabs)
+                    worker.slabs.forward()
+                change(thread, n, group.bands, spectra)
+                if write:
+                    worker.slabs.inverse()
+                    if not single:
+                        spectral.blend(blended, slabs, group.weights, group.spans)
             if write:
-                worker.slabs.inverse()
-                spectral.blend(worker.blended, slabs, group.weights, group.spans)
-        if write:
-            lines.columns_to_rows(worker.blended, self.spectra, block * COLUMNS, self.height)
+                lines.columns_to_rows(blended, self.spectra, n * COLUMNS, self.height)
+
+        self.team.share(block, range(self.blocks))
 
 
-class _Worker:
-    """Buffers of one thread: a block of rows and a group of slabs, with their transforms."""
+class _Worker(NamedTuple):
+    """Buffers of one thread."""
 
-    def __init__(
-        self, spectra: ComplexArray, height: int, rows: tuple[int, int], slabs: tuple[int, int], planning: Planning
-    ) -> None:
-        channels, (count, length) = len(spectra), slabs
-        self.rows = RowTransform((channels, *rows), planning, spectra)
-        self.slabs = LineTransform((count, channels, COLUMNS, length), planning)
-        self.columns, self.blended = (empty((channels, COLUMNS, height), np.complex64) for _ in range(2))
+    rows: RowTransform  # a block of rows
+    slabs: LineTransform  # a group of bands of a block of columns
+    columns: ComplexArray  # a block of columns, before ...
+    blended: ComplexArray  # ... and after
 
 
 def _rows_per_block(values: int) -> int:

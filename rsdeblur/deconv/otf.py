@@ -7,14 +7,14 @@ the path on pixels, times that of the softness, a Gaussian. It is computed at th
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.deconv.fft import LineTransform, RowTransform, fast_length
 from rsdeblur.kernels.raster import OVERSAMPLING, WIDTH, spread, window_spectrum
-from rsdeblur.kernels.spectral import columns_around_origin, lowest_frequencies, rows_around_origin
+from rsdeblur.kernels.spectral import columns_around_origin, lowest_frequencies
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, Float32Array
 
@@ -38,32 +38,63 @@ class OtfPlanner:
 
     def __init__(self, size: tuple[int, int], lengths: tuple[int, int]) -> None:
         self._size, self._lengths = size, lengths
-        self._of_kernels: _GridTransform | None = None
-        self._of_paths: _PathTransform | None = None
+        self._points = _grid_points(size, lengths)
+        # Grid points per px.
+        self._pitches = self._points[0] / lengths[0], self._points[1] / lengths[1]
+        # Buffers for kernels, and for paths.
+        self._transforms: dict[bool, tuple[RowTransform, LineTransform]] = {}
+        self._lowest: ComplexArray = np.empty((COLUMNS, lengths[0]), np.complex64)
 
     def gains(self, bank: PsfBank) -> Gains:
-        """Return the gains of the OTFs of `bank`."""
+        """Return the gains of the OTFs of `bank`: those of paths are divided by the spectrum of the window."""
         if bank.displacements is None:
             return Gains(None, np.ones(self._lengths[1] // 2 + 1, np.float32))
-        return _path_gains(bank.softness, self._size, self._lengths)
+        turns: tuple[Any, ...] = np.fft.fftfreq(self._lengths[0]), np.fft.rfftfreq(self._lengths[1])
+        down, across = (
+            (np.exp(-2 * np.square(np.pi * bank.softness * f)) / window_spectrum(f / pitch)).astype(np.float32)
+            for f, pitch in zip(turns, self._pitches, strict=True)
+        )
+        return Gains(down, across)
 
     def rows(self, bank: PsfBank, band: int, strip: int) -> ComplexArray:
         """Return the row spectra of a kernel of `bank`, or of its path; the next call overwrites them."""
         if bank.displacements is None:
-            return self._kernels().rows(bank.kernels[band, strip])
-        path = self._paths()
+            return self._row_spectra(bank.kernels[band, strip], 1.0, drawn=True)
+        # Around each position, the window takes points up to half its width away.
+        down, across = (
+            int(np.ceil(n // 2 * pitch)) + WIDTH // 2 for n, pitch in zip(self._size, self._pitches, strict=True)
+        )
+        grid = np.empty((2 * down + 1, 2 * across + 1))
+        total = spread(bank.displacements[band, strip], self._pitches, grid)
         # The mean is the brightness of the picture, so it must be exact.
-        total = spread(bank.displacements[band, strip], path.pitches, path.grid)
-        return path.rows(path.grid, path.mean / total)
+        spectrum = self._row_spectra(grid, float(window_spectrum(np.zeros(1))[0]) ** 2 / total, drawn=False)
+        if self._lengths[1] % 2 == 0:
+            # The highest frequency has either sign, so that its phase is cos(pi x).
+            spectrum.imag[:, -1] = 0
+        return spectrum
+
+    def _row_spectra(self, grid: NDArray[np.floating], factor: float, *, drawn: bool) -> ComplexArray:
+        """Return the row spectra of a grid times a factor, its centre being the origin, at the tile's frequencies."""
+        (height, width), transform = grid.shape, self._buffers(drawn, len(grid))[0]
+        left, real = width // 2, transform.real[0, :height]
+        real[:, width - left : real.shape[1] - left] = 0
+        real[:, : width - left] = grid[:, left:] * factor
+        real[:, real.shape[1] - left :] = grid[:, :left] * factor
+        transform.forward()
+        return transform.spectra[0, :height, : self._lengths[1] // 2 + 1]
 
     def columns(self, spectrum: ComplexArray, gains: Gains, first: int) -> ComplexArray:
         """Return columns of the OTF from `first` on, shape (COLUMNS, lengths[0]); the next call overwrites them.
 
         Those beyond the highest frequency are zero.
         """
+        transform = self._buffers(gains.down is None, len(spectrum))[1]
+        columns_around_origin(spectrum.view(np.float32), gains.across, first, transform.lines.view(np.float32))
+        transform.forward()
         if gains.down is None:
-            return self._kernels().columns(spectrum, gains.across, first)
-        return self._paths().lowest_columns(spectrum, gains.across, first, gains.down)
+            return transform.spectra
+        lowest_frequencies(transform.spectra.view(np.float32), gains.down, self._lowest.view(np.float32))
+        return self._lowest
 
     def whole(self, bank: PsfBank, band: int, strip: int) -> ComplexArray:
         """Return the OTF at all frequencies, in the order of `numpy.fft.fft2`."""
@@ -77,79 +108,12 @@ class OtfPlanner:
         mirrored = np.roll(half[(width - 1) // 2 : 0 : -1, ::-1], 1, axis=1).conj()
         return np.concatenate([half, mirrored]).T
 
-    def _kernels(self) -> _GridTransform:
-        if self._of_kernels is None:
-            self._of_kernels = _GridTransform(self._size[0], self._lengths, self._lengths)
-        return self._of_kernels
-
-    def _paths(self) -> _PathTransform:
-        if self._of_paths is None:
-            self._of_paths = _PathTransform(self._size, self._lengths)
-        return self._of_paths
-
-
-class _GridTransform:
-    """Transform of a grid of at most so many rows around the origin, at the frequencies of a tile.
-
-    The tile has `lengths` px along y and x, and over them lie `points` of the grid.
-    """
-
-    def __init__(self, rows: int, lengths: tuple[int, int], points: tuple[int, int]) -> None:
-        self._lengths = lengths
-        self._rows = RowTransform((1, rows, points[1]))
-        self._columns = LineTransform((COLUMNS, points[0]))
-
-    def rows(self, grid: NDArray[np.floating], factor: float = 1.0) -> ComplexArray:
-        """Return the row spectra of `grid` times a factor; its centre is the origin."""
-        rows_around_origin(grid, factor, self._rows.real[0, : len(grid)])
-        self._rows.forward()
-        return self._rows.spectra[0, : len(grid), : self._lengths[1] // 2 + 1]
-
-    def columns(self, spectrum: ComplexArray, across: Float32Array, first: int) -> ComplexArray:
-        """Return some columns of the transform of the row spectra times gains; the next call overwrites them."""
-        columns_around_origin(spectrum, across, first, self._columns.lines)
-        self._columns.forward()
-        return self._columns.spectra
-
-
-class _PathTransform(_GridTransform):
-    """Transform of a fine grid over which a path was spread by a window."""
-
-    def __init__(self, size: tuple[int, int], lengths: tuple[int, int]) -> None:
-        points = _grid_points(size, lengths)
-        self.pitches = points[0] / lengths[0], points[1] / lengths[1]
-        # Around each position, the window takes points up to half its width away.
-        reach = [int(np.ceil(n // 2 * pitch)) + WIDTH // 2 for n, pitch in zip(size, self.pitches, strict=True)]
-        self.grid = np.empty((2 * reach[0] + 1, 2 * reach[1] + 1))
-        super().__init__(len(self.grid), lengths, points)
-        self.mean = float(window_spectrum(np.zeros(1))[0]) ** 2
-        self._out = np.empty((COLUMNS, lengths[0]), np.complex64)
-
-    def rows(self, grid: NDArray[np.floating], factor: float = 1.0) -> ComplexArray:
-        """Return the row spectra of `grid` times a factor; its centre is the origin."""
-        spectrum = super().rows(grid, factor)
-        if self._lengths[1] % 2 == 0:
-            # The highest frequency has either sign, so that its phase is cos(pi x).
-            spectrum.imag[:, -1] = 0
-        return spectrum
-
-    def lowest_columns(
-        self, spectrum: ComplexArray, across: Float32Array, first: int, down: Float32Array
-    ) -> ComplexArray:
-        """Return the lowest frequencies of :meth:`columns` times gains; the next call overwrites them."""
-        lowest_frequencies(self.columns(spectrum, across, first), down, self._out)
-        return self._out
-
-
-def _path_gains(softness: float, size: tuple[int, int], lengths: tuple[int, int]) -> Gains:
-    """Return the spectrum of a softness (px), divided by that of the window that spread the path on the grid."""
-    points = _grid_points(size, lengths)
-    turns = np.fft.fftfreq(lengths[0]), np.fft.rfftfreq(lengths[1])
-    down, across = (
-        (np.exp(-2 * np.square(np.pi * softness * f)) / window_spectrum(f * n / m)).astype(np.float32)
-        for f, n, m in zip(turns, lengths, points, strict=True)
-    )
-    return Gains(down, across)
+    def _buffers(self, drawn: bool, rows: int) -> tuple[RowTransform, LineTransform]:
+        """Return the transforms of kernels, which are drawn on the pixels of the tile, or of finer grids of paths."""
+        if drawn not in self._transforms:
+            points, most = (self._lengths, self._size[0]) if drawn else (self._points, rows)
+            self._transforms[drawn] = RowTransform((1, most, points[1])), LineTransform((COLUMNS, points[0]))
+        return self._transforms[drawn]
 
 
 def _grid_points(size: tuple[int, int], lengths: tuple[int, int]) -> tuple[int, int]:

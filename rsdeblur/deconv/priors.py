@@ -37,7 +37,7 @@ from rsdeblur.kernels.shrink import TERMS, extrapolate, shrunk_derivatives_adjoi
 from rsdeblur.types import Float32Array, FloatImage
 
 # What users meet; the site describes these.
-__all__ = ["LatentPrior", "QuadraticSolver", "Step", "brightness"]
+__all__ = ["LatentPrior", "QuadraticSolver", "brightness"]
 
 # Steps of :meth:`DerivativePrior.steps`: their penalties, and how far ahead they look.
 PENALTIES, AHEAD = (7.0, 35.0, 178.0, 900.0), 0.5
@@ -79,22 +79,13 @@ TO_GRADIENT = Coupling(0.0, 1.0, 0.0)
 TO_DERIVATIVES = Coupling(0.0, 0.5, 0.125)
 
 
-class Sparsity(NamedTuple):
-    """The derivatives that a sparse prior shortens."""
-
-    shrink: Callable[..., None]  # kernel that computes the pull of the shortened derivatives
-    coupling: Coupling  # their quadratic term
-
-
-GRADIENT = Sparsity(shrunk_grad_adjoint, TO_GRADIENT)
-DERIVATIVES = Sparsity(shrunk_derivatives_adjoint, TO_DERIVATIVES)
-
-
 class Kind(NamedTuple):
     """A penalty on a power of derivatives."""
 
     exponent: float | None  # p; None is the caller's
-    sparsity: Sparsity | None  # the derivatives; None for p = 2, which is one solve
+    # Kernel that computes the pull of the shortened derivatives, None for p = 2, which is one solve; and their term.
+    shrink: Callable[..., None] | None
+    coupling: Coupling
     # Automatic weight, per root of p, where that of "gradient" and the energy of the gradient are 1
     # (docs/benchmarks/quality.md).
     strength: float
@@ -106,9 +97,9 @@ class Kind(NamedTuple):
 
 # The priors by name; `rsdeblur.choices.DERIVATIVE_PRIORS` lists the names.
 KINDS = {
-    "gradient": Kind(2.0, None, 1.0),
-    "tv": Kind(1.0, GRADIENT, 2.0),
-    "hyper-laplacian": Kind(None, DERIVATIVES, 1.6),
+    "gradient": Kind(2.0, None, TO_GRADIENT, 1.0),
+    "tv": Kind(1.0, shrunk_grad_adjoint, TO_GRADIENT, 2.0),
+    "hyper-laplacian": Kind(None, shrunk_derivatives_adjoint, TO_DERIVATIVES, 1.6),
 }
 
 
@@ -246,16 +237,16 @@ class DerivativePrior:
         progress: Callable[[float], None] | None = None,
     ) -> FloatImage:
         """Return the minimiser of data term and penalty; see :meth:`rsdeblur.deconv.priors.LatentPrior.restore`."""
-        if KINDS[self.kind].sparsity is None:
+        if KINDS[self.kind].shrink is None:
             latent = solver.solve(self.weight)
         else:
             for done, step in enumerate(self.steps(solver, threads=threads), 1):
+                latent, change = step
                 if progress is not None:
                     progress(done / len(PENALTIES))
-                latent = step.latent
                 # The first step repeats the penalty of the initial solve, so where all derivatives vanish it changes
                 # nothing.
-                if done > 1 and step.change < TOLERANCE:
+                if done > 1 and change < TOLERANCE:
                     break
         if progress is not None:
             progress(1.0)
@@ -269,7 +260,7 @@ class DerivativePrior:
         penalties: Sequence[float] = PENALTIES,
         ahead: float = AHEAD,
         threads: int | None = None,
-    ) -> Iterator[Step]:
+    ) -> Iterator[tuple[FloatImage, float]]:
         """Yield the pictures of half-quadratic splitting with a sparse prior; the caller may stop early.
 
         Parameters
@@ -288,40 +279,27 @@ class DerivativePrior:
 
         Yields
         ------
-        Step
+        latent : ndarray, float32
+            The picture, in the solver's frame. The next step overwrites it.
+        change : float
+            Norm of its difference from the step before, as a share of its own norm.
         """
         # Derivatives are proportional to the peak, so the largest one that vanishes must be, too.
-        exponent, sparsity = KINDS[self.kind].power(self.exponent), KINDS[self.kind].sparsity
-        assert sparsity is not None, "restore() solves it at once"
+        kind, exponent = KINDS[self.kind], KINDS[self.kind].power(self.exponent)
+        assert kind.shrink is not None, "restore() solves it at once"
         weight, peak = self.weight, max(1.0 if self.peak is None else self.peak, LEAST_PEAK)
         penalties = [min(penalty * peak ** (exponent - 2.0), MOST_STRENGTH / weight) for penalty in penalties]
-        latent = guess = solver.solve(weight * penalties[0], None, sparsity.coupling) if start is None else start
+        latent = guess = solver.solve(weight * penalties[0], None, kind.coupling) if start is None else start
         polynomial, pull = shrinkage(exponent), np.empty_like(latent)
         workspaces = [workspace(latent) for _ in range(min(thread_count(threads), len(_blocks(latent))))]
         for penalty in penalties:
             # In units of (weight / beta)^(1 / (2 - p)) the shrinkage has no parameter but p.
             vanishing = np.float32(threshold(exponent) * penalty ** (-1.0 / (2.0 - exponent)))
-            _shrink(guess, sparsity.shrink, (vanishing, polynomial, solver.periodic), workspaces, pull)
+            _shrink(guess, kind.shrink, (vanishing, polynomial, solver.periodic), workspaces, pull)
             out = None if guess is latent else guess
-            before, latent = latent, solver.solve(weight * penalty, pull, sparsity.coupling, out=out)
+            before, latent = latent, solver.solve(weight * penalty, pull, kind.coupling, out=out)
             change, guess = _extrapolate(before, latent, np.float32(ahead), threads), before
-            yield Step(latent, change)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Step:
-    """One step of :meth:`DerivativePrior.steps`.
-
-    Parameters
-    ----------
-    latent : ndarray, float32
-        The picture, in the solver's frame. The next step overwrites it.
-    change : float
-        Norm of its difference from the step before, as a share of its own norm.
-    """
-
-    latent: FloatImage
-    change: float
+            yield latent, change
 
 
 def brightness(image: FloatImage) -> float:

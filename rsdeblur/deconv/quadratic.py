@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.memory import empty
 from rsdeblur._util.one_line import one_line
-from rsdeblur.choices import Border, Planning
+from rsdeblur.choices import Border
 from rsdeblur.deconv.hybrid import COLUMNS
 from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, LatentPrior, check_prior
 from rsdeblur.deconv.wiener import LEAST_MARGIN, TileFilter
@@ -52,13 +52,14 @@ class TileNormal(TileFilter):
         nsr: float,
         margin: float,
         border: Border,
-        planning: Planning,
         threads: int | None,
     ) -> None:
-        super().__init__(bank, shape, margin=margin, border=border, planning=planning, threads=threads)
+        super().__init__(bank, shape, margin=margin, border=border, threads=threads)
         self.nsr, self.periodic = nsr, border == "periodic"
         # OTFs of the tiles of one strip.
         self._otfs = self._new_filters(1)
+        # The observation, if its normal equations wait for the first solve.
+        self._observed: tuple[PsfBank, FloatImage] | None = None
         # Sums of the observation, while there is one.
         self._sums: NormalSums | None = None
         # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
@@ -88,21 +89,24 @@ class TileNormal(TileFilter):
 
         `InputError` is raised if `pull` is not finite, or no observation was set.
         """
+        minimise = self._minimiser(beta, coupling, pulls=pull is not None)
         out = np.empty(self._channelled, dtype=np.float32) if out is None else out
-        self._solve(beta, pull, coupling, out)
-        return out
-
-    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
-        """Write the minimiser to `out`, which may be `pull`."""
+        if self._observed is not None:
+            # All priors begin without a pull. One pass instead of two, and equations that are still in the cache.
+            observed, sums, self._observed, self._sums = self._observed, self._sums or self._new_sums(), None, None
+            self._add(sums, *observed, minimise=minimise, out=out)
+            self._sums = sums
+            return out
         if self._sums is None:
             raise InputError("the solver holds no picture: apply() sets it, or prepare() before solve()")
-        (signal, power), minimise = self._sums, self._minimiser(beta, coupling, pulls=pull is not None)
+        signal, power = self._sums
 
         def restore(strip: int, _thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
             place = strip, block, bands
             minimise(block, signal[place], power[place], slabs)
 
         self._pass(pull, out, restore)
+        return out
 
     def _minimiser(self, beta: float, coupling: Coupling, *, pulls: bool) -> Minimise:
         """Return a function that replaces the pull by the minimiser, in slabs of a block of columns.
@@ -179,7 +183,7 @@ class TileQuadratic(TileNormal):
         Shape of the pictures.
     nsr : float, default 0.001
         Share of the signal's power that the model of the blur gets wrong, as at the borders; not negative.
-    border, planning, threads
+    border, threads
         See :class:`rsdeblur.Deconvolver`.
 
     Raises
@@ -204,19 +208,11 @@ class TileQuadratic(TileNormal):
         *,
         nsr: float = 0.001,
         border: Border = "blend",
-        planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
         nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
-        super().__init__(
-            *(bank, shape), nsr=nsr, margin=LEAST_MARGIN, border=border, planning=planning, threads=threads
-        )
+        super().__init__(*(bank, shape), nsr=nsr, margin=LEAST_MARGIN, border=border, threads=threads)
         self._bank = bank
-        # The observation, if its normal equations wait for the first solve.
-        self._observed: FloatImage | None = None
-
-    def _take(self, bank: PsfBank) -> None:
-        self._bank, self._sums, self._observed = bank, None, None
 
     def apply(
         self,
@@ -256,7 +252,7 @@ class TileQuadratic(TileNormal):
             out = validate.output(out, self.shape)
         light = validate.linear_light(image, self.shape)
         with self._hybrid.team.turn():
-            self._observe(light)
+            self._observed = self._bank, light.reshape(self._channelled)
             latent = prior.with_peak_of(light).restore(self, threads=self.threads, progress=progress)
             # The sums take more memory than all else.
             self._sums = self._observed = None
@@ -281,27 +277,7 @@ class TileQuadratic(TileNormal):
         """
         picture = validate.linear_light(image, self.shape).reshape(self._channelled)
         with self.lock:
-            sums, self._observed = self._sums_to_fill(), None
+            # The solver does not hold the sums while they change.
+            sums, self._sums, self._observed = self._sums or self._new_sums(), None, None
             self._add(sums, self._bank, picture)
             self._sums = sums
-
-    def _observe(self, picture: FloatImage) -> None:
-        """Set the observation, whose normal equations the first solve may compute."""
-        self._observed = picture.reshape(self._channelled)
-
-    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
-        picture, self._observed = self._observed, None
-        if picture is not None and pull is None:
-            # One pass instead of two, and equations that are still in the cache.
-            sums = self._sums_to_fill()
-            self._add(sums, self._bank, picture, minimise=self._minimiser(beta, coupling, pulls=False), out=out)
-            self._sums = sums
-            return
-        if picture is not None:
-            self.prepare(picture.reshape(self.shape))
-        super()._solve(beta, pull, coupling, out)
-
-    def _sums_to_fill(self) -> NormalSums:
-        """Return memory for sums, which the solver does not hold meanwhile."""
-        sums, self._sums = self._sums or self._new_sums(), None
-        return sums

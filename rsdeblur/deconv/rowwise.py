@@ -13,6 +13,7 @@ average of the outermost rows.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,13 +22,13 @@ from rsdeblur._util import validate
 from rsdeblur._util.memory import empty
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import thread_count
-from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
+from rsdeblur.choices import BORDERS, Border
 from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, LatentPrior, check_prior
 from rsdeblur.deconv.rowwise_blur import ROWS, RowSpectra, latent_rows, strip_blurs
 from rsdeblur.deconv.tiling import Tile, Tiling
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
-from rsdeblur.kernels import rowwise
+from rsdeblur.kernels import native, rowwise
 from rsdeblur.kernels.rowwise import LANES
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.types import Float32Array, FloatImage
@@ -57,7 +58,13 @@ class RowSolver:
     Frames and their blurs are multiplied by the roots of the shares a_i, which sum to 1. Of N frames, row y of frame i
     is row N y + i of a picture N times as tall. So the normal matrix is the sum of those of the frames; its bandwidth
     is that of the tallest paths. Other arguments are those of :class:`rsdeblur.deconv.RowDeconvolver`.
+
+    While a picture is solved, it is a :class:`rsdeblur.deconv.priors.QuadraticSolver` of one strip after another. With
+    a prior m is the picture's mean. Rows beyond the frame are unknowns, so no difference crosses an end. The difference
+    of g from the blurred m counts (1 + nsr) times, so that contrast does not depend on nsr.
     """
+
+    periodic = False
 
     def __init__(
         self,
@@ -68,13 +75,11 @@ class RowSolver:
         nsr: float = 0.01,
         reach: int = 0,
         border: Border = "blend",
-        planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
         self.shape = validate.shape(shape)
         self.nsr = max(validate.strength("nsr", nsr), LEAST_NSR)
         validate.choice("border", border, BORDERS)
-        validate.choice("planning", planning, PLANNINGS)
         height, width = self.shape[:2]
         self.top, latents = latent_rows(*frames)
         self._factors = tuple(float(share) ** 0.5 for share in shares)
@@ -85,44 +90,22 @@ class RowSolver:
         if kernel > width:
             raise InputError(f"the paths reach {self._reach} px sideways, more than the picture of {width} px can hold")
         margin = int(np.ceil(min(decay_margin(self.nsr), MOST_MARGIN) * kernel))
-        self._periodic = border == "periodic"
+        self._wraps = border == "periodic"
         cols = frames[0].cols
-        self._tiling = Tiling.plan(cols, width, kernel, margin, periodic=self._periodic)
+        self._tiling = Tiling.plan(cols, width, kernel, margin, periodic=self._wraps)
         threads = thread_count(threads)
         self._strips = strip_blurs(frames, self._factors, self.top, latents, threads)
         channels = self.shape[2] if len(self.shape) == 3 else 1
-        self._spectra = RowSpectra(channels, self._tiling.length, planning=planning, threads=threads)
+        self._spectra = RowSpectra(channels, self._tiling.length, threads=threads)
         self._data, self._latent = self._spectra.empty(len(frames) * height), self._spectra.empty(latents)
         blocks = range(self._spectra.blocks)
         self._tables = [[strip.table(b, self._spectra.length) for b in blocks] for strip in self._strips]
         floats = max(strip.workspace_size(solve=True) for strip in self._strips)
         self._workspaces: list[Float32Array] = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
+        # The strip that is solved, and what the steps of a prior have in common.
+        self._strip, self._kept = 0, Kept()
         # Floats of the assembled normal matrix of each strip.
         self._assembled_sizes = [rowwise.assembled_size(s.model, s.table(0, 1), s.rows) for s in self._strips]
-
-    @property
-    def blocks(self) -> int:
-        """Blocks of 16 frequencies, each solved by one thread."""
-        return self._spectra.blocks
-
-    @property
-    def coverage(self) -> NDArray[np.bool_]:
-        """Mask (H, W) of the pixels that some recorded row saw; the prior fills the others from their neighbours.
-
-        Paths with ``geometry="keep"`` see every row; those with ``geometry="rectify"`` may not.
-        """
-        covered = np.zeros(self.shape[:2], dtype=np.bool_)
-        for strip, tile in zip(self._strips, self._tiling.tiles, strict=True):
-            columns = slice(tile.first, tile.first + len(tile.weights))
-            covered[:, columns] |= strip.seen[-self.top : len(covered) - self.top, None]
-        return covered
-
-    @property
-    def memory(self) -> int:
-        """Bytes held between and during calls, without pictures and the normal matrices of several frames."""
-        tables = [table for tables in self._tables for table in tables]
-        models = [array for strip in self._strips for array in strip.model]
-        return sum(array.nbytes for array in (self._data, self._latent, *self._workspaces, *tables, *models))
 
     def _restore(
         self,
@@ -137,22 +120,37 @@ class RowSolver:
             target[...] = 0
         with self._spectra.team.turn():
             for s, tile in enumerate(self._tiling.tiles):
-                report = None if progress is None else _part_of(progress, s, strips)
-                term = self._observe(source, s)
+                report = None if progress is None else partial(_report, progress, s, strips)
+                self._strip, self._kept = s, {}
+                self._spectra.load(source, self._data, start=tile.start, taper=self._tiling.taper, periodic=self._wraps)
                 if prior is None:
-                    term.filter()
+                    self._solve(0.0, TO_GRADIENT, pull=False, edges=True)
                     self._spectra.unload(self._latent, -self.top, target, tile, add=strips > 1)
                     if report is not None:
                         report(1.0)
                 else:
-                    latent = prior.restore(term, threads=self._spectra.team.threads, progress=report)
+                    latent = prior.restore(self, threads=self._spectra.team.threads, progress=report)
                     self._place(latent, target, tile, add=strips > 1)
 
-    def _observe(self, source: Float32Array, strip: int) -> DataTerm:
-        """Transform a strip of the observation (H, W, C), and return the strip's data term."""
-        start, taper = self._tiling.tiles[strip].start, self._tiling.taper
-        self._spectra.load(source, self._data, start=start, taper=taper, periodic=self._periodic)
-        return DataTerm(self, strip)
+    def solve(
+        self,
+        beta: float,
+        pull: Float32Array | None = None,
+        coupling: Coupling = TO_GRADIENT,
+        *,
+        out: Float32Array | None = None,
+    ) -> Float32Array:
+        """Return the latent picture of the strip that is solved, from row :attr:`top` on and with its padded width.
+
+        `out` may be `pull`; see :meth:`rsdeblur.deconv.priors.QuadraticSolver.solve`.
+        """
+        length = self._spectra.length
+        if pull is not None:
+            self._spectra.load(pull, self._latent)
+        self._solve(beta, coupling, pull=pull is not None, edges=False)
+        out = np.empty((self._latent.shape[2], length, self._spectra.channels), np.float32) if out is None else out
+        self._spectra.unload(self._latent, 0, out, Tile(0, 0, np.ones(length, dtype=np.float32)))
+        return out
 
     def _place(self, latent: Float32Array, target: Float32Array, tile: Tile, *, add: bool) -> None:
         """Write a strip's latent picture (L, N, C) to `target` (H, W, C), or add it, where `tile` contributes."""
@@ -167,12 +165,13 @@ class RowSolver:
 
         self._spectra.team.share(block, range(0, len(target), ROWS))
 
-    def _solve(self, strip: int, beta: float, coupling: Coupling, *, pull: bool, edges: bool, kept: Kept) -> None:
-        """Minimise for all frequencies of `strip`, and leave the result in the latent spectra.
+    def _solve(self, beta: float, coupling: Coupling, *, pull: bool, edges: bool) -> None:
+        """Minimise for all frequencies of the strip, and leave the result in the latent spectra.
 
         With `pull`, the latent spectra hold the pull of a prior, which enters the right-hand side. With `edges`, m has
-        the outermost rows. With a prior, `kept` takes what all its steps have in common.
+        the outermost rows.
         """
+        strip, kept = self._strip, self._kept
         model, tables = self._strips[strip].model, self._tables[strip]
         weights = self._penalty(beta, coupling)
         # The difference u - m is scaled in the end, so that no motion is the identity at any nsr.
@@ -221,7 +220,11 @@ class RowSolver:
 
         With one frame that gains nothing: reading it takes as long as computing it, because the blur is in the cache.
         """
-        return len(self._factors) > 1 and (block + 1) * 4 * self._assembled_sizes[strip] <= ASSEMBLED_BYTES
+        return (
+            native is not None
+            and len(self._factors) > 1
+            and (block + 1) * 4 * self._assembled_sizes[strip] <= ASSEMBLED_BYTES
+        )
 
     def _assembled(
         self, strip: int, block: int, expected: Float32Array | None, workspace: Float32Array
@@ -274,60 +277,14 @@ class RowSolver:
         return mean
 
 
-def _part_of(progress: Callable[[float], None], part: int, parts: int) -> Callable[[float], None]:
-    """Return the function that reports the progress of one of several equal parts."""
-    return lambda fraction: progress((part + fraction) / parts)
+def _report(progress: Callable[[float], None], part: int, parts: int, fraction: float) -> None:
+    progress((part + fraction) / parts)
 
 
 def _fading(first: int, length: int) -> Float32Array:
     """Return weights (n, 1, 1) for positions from `first` on: 1 up to position 0, falling to 0 at `length`."""
     positions = np.arange(first, length, dtype=np.float32)
     return (0.5 + 0.5 * np.cos(np.pi * positions.clip(0) / length)).astype(np.float32)[:, None, None]
-
-
-class DataTerm:
-    """Data term `|A u - g|^2 + nsr |u - m|^2` of one strip of one picture, to which a prior adds a quadratic term.
-
-    It is a :class:`rsdeblur.deconv.priors.QuadraticSolver`, valid until the solver observes the next strip. With such a
-    term m is the picture's mean. Rows beyond the frame are unknowns, so no difference crosses an end. The difference of
-    g from the blurred m counts (1 + nsr) times, so that contrast does not depend on nsr.
-    """
-
-    periodic = False
-
-    def __init__(self, solver: RowSolver, strip: int) -> None:
-        self._solver, self._strip = solver, strip
-        spectra = solver._spectra
-        # Rows from `RowSolver.top` on, the padded width, channels.
-        self.shape = (solver._latent.shape[2], spectra.length, spectra.channels)
-        self._kept: Kept = {}
-
-    def solve(
-        self,
-        beta: float,
-        pull: Float32Array | None = None,
-        coupling: Coupling = TO_GRADIENT,
-        *,
-        out: Float32Array | None = None,
-    ) -> Float32Array:
-        """Return the latent picture, of :attr:`shape`, that minimises the term plus that of a prior.
-
-        `out` may be `pull`; see :meth:`rsdeblur.deconv.priors.QuadraticSolver.solve`.
-        """
-        beta = validate.finite("beta", beta, minimum=0.0)
-        spectra, latent = self._solver._spectra, self._solver._latent
-        out = np.empty(self.shape, dtype=np.float32) if out is None else out
-        if pull is not None:
-            if pull.shape != self.shape:
-                raise InputError(f"the pull must have shape {self.shape}, got {pull.shape}")
-            spectra.load(pull, latent)
-        self._solver._solve(self._strip, beta, coupling, pull=pull is not None, edges=False, kept=self._kept)
-        spectra.unload(latent, 0, out, Tile(0, 0, np.ones(spectra.length, dtype=np.float32)))
-        return out
-
-    def filter(self) -> None:
-        """Minimise the term alone, and leave the result in the solver's latent spectra."""
-        self._solver._solve(self._strip, 0.0, TO_GRADIENT, pull=False, edges=True, kept=self._kept)
 
 
 @one_line("shape", "nsr")
@@ -352,8 +309,6 @@ class RowDeconvolver(RowSolver):
     border : {"blend", "periodic"}
         How the picture continues along x, see :class:`rsdeblur.Deconvolver`. Along y, rows beyond the frame are
         unknowns.
-    planning : {"estimate", "measure"}
-        How FFTW plans, see :class:`rsdeblur.Deconvolver`.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
 
@@ -387,7 +342,6 @@ class RowDeconvolver(RowSolver):
         nsr: float = 0.01,
         reach: int = 0,
         border: Border = "blend",
-        planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
         validate.instance("paths", paths, BlurPaths)
@@ -397,7 +351,6 @@ class RowDeconvolver(RowSolver):
             nsr=nsr,
             reach=reach,
             border=border,
-            planning=planning,
             threads=threads,
         )
 

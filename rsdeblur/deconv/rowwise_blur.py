@@ -23,7 +23,6 @@ from rsdeblur._util import validate
 from rsdeblur._util.memory import empty
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import ThreadTeam, share_map, thread_count
-from rsdeblur.choices import Planning
 from rsdeblur.deconv.fft import RowTransform
 from rsdeblur.deconv.tiling import Tile, fade, hat_weights
 from rsdeblur.errors import InputError
@@ -31,7 +30,7 @@ from rsdeblur.kernels import lines, rowwise
 from rsdeblur.kernels.raster import SINC_WIDTH, WIDTH, interpolated
 from rsdeblur.kernels.rowwise import BLOCK, RowModel
 from rsdeblur.motion.paths import BlurPaths
-from rsdeblur.types import Float32Array, FloatArray
+from rsdeblur.types import ComplexArray, Float32Array, FloatArray
 
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
@@ -49,10 +48,14 @@ class RowSpectra:
     so arrays in this layout are called lanes. Any number of threads gives the same bits.
     """
 
-    def __init__(self, channels: int, length: int, *, planning: Planning, threads: int) -> None:
+    def __init__(self, channels: int, length: int, *, threads: int) -> None:
         self.channels, self.length, self.team = channels, length, ThreadTeam(threads)
         self.blocks = -(-(length // 2 + 1) // rowwise.LANES)
-        self._rows = [RowTransform((channels, ROWS, length), planning) for _ in range(threads)]
+        self._columns = self.blocks * rowwise.LANES
+        self._rows = [
+            RowTransform((channels, ROWS, length), empty((channels, ROWS, self._columns), np.complex64))
+            for _ in range(threads)
+        ]
 
     def empty(self, rows: int) -> Float32Array:
         """Return zeroed lanes for `rows` rows; frequencies that only fill up the last block stay zero."""
@@ -71,9 +74,14 @@ class RowSpectra:
             rows, buffers = min(ROWS, height - top), self._rows[thread]
             lines.picture_to_lines(picture, top, rows, start, ramp, periodic, buffers.real)
             buffers.forward()
-            rowwise.spectra_to_lanes(buffers.spectra, rows, lanes, top)
+            spectra, part = self._by_block(buffers.spectra, rows), lanes[:, :, top : top + rows]
+            part[..., 0, :], part[..., 1, :] = spectra.real, spectra.imag
 
         self.team.share(block, range(0, height, ROWS))
+
+    def _by_block(self, spectra: ComplexArray, rows: int) -> ComplexArray:
+        """Return a view of the first `rows` of spectra, shape (blocks, C, rows, 16)."""
+        return spectra[:, :rows].reshape(self.channels, rows, self.blocks, rowwise.LANES).transpose(2, 0, 1, 3)
 
     def unload(self, lanes: Float32Array, first: int, out: Float32Array, tile: Tile, *, add: bool = False) -> None:
         """Transform `lanes` back from row `first` on; write to `out` (H, W, C), or add, where `tile` contributes."""
@@ -81,7 +89,8 @@ class RowSpectra:
 
         def block(thread: int, top: int) -> None:
             rows, buffers = min(ROWS, len(out) - top), self._rows[thread]
-            rowwise.lanes_to_spectra(lanes, first + top, buffers.spectra, rows)
+            spectra, part = self._by_block(buffers.spectra, rows), lanes[:, :, first + top : first + top + rows]
+            spectra.real, spectra.imag = part[..., 0, :], part[..., 1, :]
             buffers.inverse()
             lines.lines_to_picture(buffers.real, rows, tile.first - tile.start, weights, tile.first, add, out, top)
 
@@ -127,13 +136,6 @@ class StripBlur:
     def workspace_size(self, *, solve: bool) -> int:
         """Return the number of floats of workspace that one thread needs to apply the blur, or to solve with it."""
         return rowwise.workspace_size(self.model, self.table(0, 1), self.rows, solve)
-
-    @property
-    def seen(self) -> NDArray[np.bool_]:
-        """Whether any picture row sees a latent row, shape (latents,)."""
-        starts = np.concatenate([[0], np.cumsum(np.repeat(self.model.row_end - self.model.row_first, BLOCK))])
-        seen: NDArray[np.bool_] = np.diff(self.model.tap_start[starts]) > 0
-        return seen
 
 
 @one_line("picture_shape", "latent_shape", "top")
@@ -190,12 +192,7 @@ class RowBlur:
         threads = thread_count(threads)
         self._strips = strip_blurs([paths], [1.0], self.top, latents, threads)
         self._weights = hat_weights(paths.cols, width).astype(np.float32)
-        self._spectra = RowSpectra(channels, width, planning="estimate", threads=threads)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Shape of the matrix: number of values of the recorded and of the latent picture."""
-        return int(np.prod(self.picture_shape)), int(np.prod(self.latent_shape))
+        self._spectra = RowSpectra(channels, width, threads=threads)
 
     def forward(self, latent: ArrayLike) -> Float32Array:
         """Return the blur of a latent picture.
@@ -257,7 +254,7 @@ class RowBlur:
         from scipy.sparse.linalg import LinearOperator
 
         return LinearOperator(
-            self.shape,
+            (int(np.prod(self.picture_shape)), int(np.prod(self.latent_shape))),
             matvec=lambda x: self.forward(x.reshape(self.latent_shape)).ravel(),
             rmatvec=lambda x: self.adjoint(x.reshape(self.picture_shape)).ravel(),
             dtype=np.dtype(np.float32),

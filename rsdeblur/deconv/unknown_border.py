@@ -25,10 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from rsdeblur._util.one_line import one_line
-from rsdeblur.choices import Planning
 from rsdeblur.deconv.fft import fast_length
 from rsdeblur.deconv.hybrid import COLUMNS
-from rsdeblur.deconv.priors import Coupling
+from rsdeblur.deconv.priors import TO_GRADIENT, Coupling
 from rsdeblur.deconv.quadratic import NormalSums, TileQuadratic
 from rsdeblur.deconv.tiling import WHOLE_EXCESS
 from rsdeblur.kernels import spectral
@@ -55,10 +54,9 @@ class UnknownBorderQuadratic(TileQuadratic):
         *,
         recorded: tuple[int, int],
         nsr: float = 0.001,
-        planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
-        super().__init__(bank, shape, nsr=nsr, border="periodic", planning=planning, threads=threads)
+        super().__init__(bank, shape, nsr=nsr, border="periodic", threads=threads)
         self.recorded = recorded
         # Conjugate gradients blur: they need the OTFs of all tiles.
         self._every_otf = self._new_filters()
@@ -82,33 +80,36 @@ class UnknownBorderQuadratic(TileQuadratic):
         super().prepare(image)
         self._filled[...] = np.reshape(image, self._channelled)
 
-    def _observe(self, picture: FloatImage) -> None:
-        self.prepare(picture)
-
-    def _take(self, bank: PsfBank) -> None:
-        super()._take(bank)
-        self._fill_otfs(bank, self._every_otf)
-
     def _strip_otfs(self, bank: PsfBank, strip: int) -> ComplexArray:
         otfs: ComplexArray = self._every_otf[strip]
         return otfs
 
-    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
+    def solve(
+        self,
+        beta: float,
+        pull: FloatImage | None = None,
+        coupling: Coupling = TO_GRADIENT,
+        *,
+        out: FloatImage | None = None,
+    ) -> FloatImage:
+        """Return the minimiser after the values beyond the frame were improved; see :meth:`TileQuadratic.solve`."""
+        if self._observed is not None:
+            self.prepare(self._observed[1].reshape(self.shape))
         if self._sums is not None:
             self._fill(self._sums, pull, beta, coupling)
             super().prepare(self._filled.reshape(self.shape))
-        super()._solve(beta, pull, coupling, out)
+        return super().solve(beta, pull, coupling, out=out)
 
     def _fill(self, sums: NormalSums, pull: FloatImage | None, beta: float, coupling: Coupling) -> None:
         """Improve the values beyond the frame by conjugate gradients."""
         filled, direction, blurred = map(self._beyond, (self._filled, self._direction, self._blurred))
-        self._blur_minimiser(sums, pull, beta, coupling)
+        self._blur_minimiser(pull, beta, coupling, sums)
         error = [new - old for new, old in zip(blurred, filled, strict=True)]
         for part, start in zip(direction, error, strict=True):
             part[...] = start
         power = _dot(error, error)
         for _ in range(STEPS):
-            self._blur_minimiser_of_direction(beta, coupling)
+            self._blur_minimiser(self._direction, beta, coupling)
             curvature = _dot(direction, direction) - _dot(direction, blurred)
             # Zero where nothing is wrong, and perhaps negative where tiles do not make quite a symmetric matrix.
             if not curvature > 0:
@@ -122,29 +123,27 @@ class UnknownBorderQuadratic(TileQuadratic):
                 part *= np.float32(power / before)
                 part += left
 
-    def _blur_minimiser(self, sums: NormalSums, pull: FloatImage | None, beta: float, coupling: Coupling) -> None:
-        """Write the blur of the minimiser to `_blurred`."""
-        minimise = self._minimiser(beta, coupling, pulls=pull is not None)
+    def _blur_minimiser(
+        self, source: FloatImage | None, beta: float, coupling: Coupling, sums: NormalSums | None = None
+    ) -> None:
+        """Write the blur of the minimiser for `sums`, to which `source` pulls, or for the observation `source` alone.
 
-        def blur(strip: int, _thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
-            place = strip, block, bands
-            minimise(block, sums.signal[place], sums.power[place], slabs)
-            spectral.multiply(slabs, self._every_otf[place])
-
-        self._pass(pull, self._blurred, blur)
-
-    def _blur_minimiser_of_direction(self, beta: float, coupling: Coupling) -> None:
-        """Write the blur of the minimiser for the observation `_direction` to `_blurred`; nothing pulls."""
-        minimise = self._minimiser(beta, coupling, pulls=False)
+        It goes to `_blurred`.
+        """
+        minimise = self._minimiser(beta, coupling, pulls=sums is not None and source is not None)
 
         def blur(strip: int, thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
-            otfs, part = self._every_otf[strip, block, bands], self._parts[thread]
-            signal, power = part.signal[: len(slabs)], part.power[: len(slabs)]
-            add_normal(slabs, otfs, np.float32(1.0), True, signal, power)
+            place, part = (strip, block, bands), self._parts[thread]
+            otfs = self._every_otf[place]
+            if sums is None:
+                signal, power = part.signal[: len(slabs)], part.power[: len(slabs)]
+                add_normal(slabs, otfs, np.float32(1.0), True, signal, power)
+            else:
+                signal, power = sums.signal[place], sums.power[place]
             minimise(block, signal, power, slabs)
             spectral.multiply(slabs, otfs)
 
-        self._pass(self._direction, self._blurred, blur)
+        self._pass(source, self._blurred, blur)
 
     def _beyond(self, picture: FloatImage) -> tuple[FloatImage, FloatImage]:
         """Return views of the rows and of the columns that were not recorded."""

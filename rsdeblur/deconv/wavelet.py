@@ -31,9 +31,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rsdeblur._util import validate
-from rsdeblur._util.threads import share, thread_count
-from rsdeblur.errors import InputError
-from rsdeblur.kernels.frame import HALO, LEVELS, ORIENTATIONS, WORK, combine, cut_block, put_block
+from rsdeblur._util.threads import share_blocks
+from rsdeblur.kernels.frame import HALO, LEVELS, combine
 from rsdeblur.kernels.lines import continued
 from rsdeblur.types import Float32Array, FloatArray, FloatImage
 
@@ -103,30 +102,18 @@ def features(weight: float, noise_share: float, knots: FloatArray) -> FloatArray
     return np.array([*hats, noise_share - 0.5])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class WaveletPrior:
-    """The learned prior, with what it must know of a picture. :meth:`rsdeblur.tuning.Tuning.wavelet` makes one.
-
-    `InputError` is raised if a field is out of its range.
-    """
+    """The learned prior, with what it must know of a picture. :meth:`rsdeblur.tuning.Tuning.wavelet` makes one."""
 
     # Weight of the gradient prior that suits the picture, from 1e-20 to 1e20: larger is smoother.
     weight: float
-    # Variances of the noise of the frame's coefficients, from 0 to 1e24, as many as :func:`band_shape` says.
-    variances: tuple[float, ...]
+    # Variances of the noise of the frame's coefficients (K, LEVELS, 3), from 0 to 1e24.
+    variances: Float32Array
     # Share of the noise in the power of noise and of the model's errors, from 0 to 1.
     noise_share: float
     # Prior of the sparse steps, "tv" or "hyper-laplacian".
     sparse: DerivativePrior
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "weight", validate.strength("weight", self.weight))
-        values = validate.real_array("variances", self.variances, most=MOST_VARIANCE)
-        if values.size != np.prod(band_shape()) or (values < 0).any():
-            raise InputError(f"variances must be {np.prod(band_shape())} numbers of at least 0, got {self.variances}")
-        object.__setattr__(self, "variances", tuple(values.ravel().tolist()))
-        share = validate.finite("noise_share", self.noise_share, minimum=0.0, maximum=1.0)
-        object.__setattr__(self, "noise_share", share)
 
     def with_peak_of(self, image: FloatImage) -> WaveletPrior:
         """Return this prior with the brightness of a picture, on which the sparse steps depend, unless it has one."""
@@ -147,13 +134,13 @@ class WaveletPrior:
             latents.append(solver.solve(self.weight * float(ratio)))
             if progress is not None:
                 progress(done / solves)
-        place, variances = features(self.weight, self.noise_share, factors.knots), self.band_variances
+        place, variances = features(self.weight, self.noise_share, factors.knots), self.variances
         pilot = add_up(latents, variances, factors.linear.at(place), periodic=solver.periodic, threads=threads)
         middle = latents[MIDDLE]
         del latents
         steps = self.sparse.steps(solver, start=pilot, penalties=PENALTIES, ahead=0.0, threads=threads)
         for done, step in enumerate(steps, len(factors.ratios) + 1):
-            pilot = step.latent
+            pilot = step[0]
             if progress is not None:
                 progress(done / solves)
         return add_up(
@@ -161,16 +148,6 @@ class WaveletPrior:
             periodic=solver.periodic,
             threads=threads,
         )
-
-    @property
-    def band_variances(self) -> Float32Array:
-        """The variances, shape :func:`band_shape`."""
-        return np.array(self.variances, dtype=np.float32).reshape(band_shape())
-
-
-def band_shape() -> tuple[int, int, int]:
-    """Return the shape (K, LEVELS, 3) of arrays with one value for each restoration, level and orientation."""
-    return len(Factors.learned().ratios), LEVELS, ORIENTATIONS
 
 
 def frame_responses(side: int) -> FloatArray:
@@ -202,25 +179,17 @@ def add_up(
     """
     (height, width, channels), (means, differences) = latents[0].shape, factors
     out = np.empty_like(latents[0])
-    tall, wide = min(BLOCK[0], height), min(BLOCK[1], width)
     mix = (OPPONENT if channels == 3 else np.eye(channels)).astype(np.float32)
     down, across = (continued(np.arange(-HALO, n + HALO), n, periodic=periodic) for n in (height, width))
-    corners = [(top, left) for top in range(0, height, tall) for left in range(0, width, wide)]
-    size = tall + 2 * HALO, wide + 2 * HALO
-    count = min(thread_count(threads), len(corners))
-    planes = np.empty((count, channels, len(latents), *size), dtype=np.float32)
-    work = np.zeros((count, WORK + len(latents), *size), dtype=np.float32)
-    results = np.empty((count, channels, tall, wide), dtype=np.float32)
 
-    def block(thread: int, n: int) -> None:
-        # The last blocks end where the picture ends, so that all have one size.
-        top, left = min(corners[n][0], height - tall), min(corners[n][1], width - wide)
-        for k, latent in enumerate(latents):
-            cut_block(latent, down[top : top + size[0]], across[left : left + size[1]], mix, planes[thread, :, k])
-        for c, result in enumerate(results[thread]):
+    def block(_: int, rows: slice, columns: slice) -> None:
+        near = np.ix_(*(line[at.start : at.stop + 2 * HALO] for line, at in ((down, rows), (across, columns))))
+        planes = [np.ascontiguousarray(np.moveaxis(latent[near] @ mix.T, -1, 0)) for latent in latents]
+        mixed = []
+        for c in range(channels):
             kind = 1 if channels == 3 and c > 0 else 0
-            combine(planes[thread, c], 9 * variances, means[kind], differences[kind], work[thread], result)
-        put_block(results[thread], mix, out[top : top + tall, left : left + wide])
+            mixed.append(combine([plane[c] for plane in planes], 9 * variances, means[kind], differences[kind]))
+        out[rows, columns] = np.stack(mixed, axis=-1) @ mix
 
-    share(block, range(len(corners)), threads)
+    share_blocks(block, (height, width), BLOCK, threads)
     return out

@@ -18,14 +18,13 @@ from rsdeblur._util import validate
 from rsdeblur._util.memory import empty
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import thread_count
-from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
+from rsdeblur.choices import BORDERS, Border
 from rsdeblur.deconv import otf
 from rsdeblur.deconv.hybrid import COLUMNS, Hybrid
 from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.tiling import BAND_EXCESS, Tiling
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import spectral
-from rsdeblur.kernels.spectral import invert, put_columns
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, FloatImage
 
@@ -48,8 +47,6 @@ def decay_margin(nsr: float) -> float:
 
 # Called as ``change(strip, ...)`` with the arguments of :class:`rsdeblur.deconv.hybrid.Filter` after the strip.
 StripFilter = Callable[[int, int, int, slice, ComplexArray], None]
-# Called as ``put(columns, block, band, out)``, see :func:`rsdeblur.kernels.spectral.put_columns`.
-PutColumns = Callable[[ComplexArray, int, int, ComplexArray], None]
 
 
 class TileFilter:
@@ -66,13 +63,11 @@ class TileFilter:
         *,
         margin: float,
         border: Border,
-        planning: Planning,
         threads: int | None,
     ) -> None:
         validate.instance("bank", bank, PsfBank)
         self.shape = validate.shape(shape)
         validate.choice("border", border, BORDERS)
-        validate.choice("planning", planning, PLANNINGS)
         height, width = self.shape[:2]
         _check_fit(bank, height, width)
         tall, wide = (int(np.ceil(margin * kernel)) for kernel in bank.size)
@@ -85,7 +80,6 @@ class TileFilter:
             self._bands,
             self._strips,
             border=border,
-            planning=planning,
             threads=threads,
         )
         tiles = bank.kernels[..., 0, 0].size
@@ -95,8 +89,7 @@ class TileFilter:
             height * width,
         )
         self._planners = [OtfPlanner(bank.size, (self._bands.length, self._strips.length)) for _ in range(threads)]
-        self._centres, self._kernel_size = (bank.rows, bank.cols), bank.size
-        self._copy: NDArray[np.float32] | None = None
+        self._kernel_size = bank.size
         # The inverse transforms are not scaled, so every filter contains this factor.
         self._scale = 1.0 / (self._bands.length * self._strips.length)
 
@@ -121,34 +114,6 @@ class TileFilter:
         """Re-entrant lock. A thread holds it while it works on a picture."""
         return self._hybrid.team.lock
 
-    def replan(self, bank: PsfBank) -> None:
-        """Use other PSFs from now on, such as those of the next frame of a video; FFTW plans and buffers are kept.
-
-        Parameters
-        ----------
-        bank : PsfBank
-            Kernels at the planned places, no larger than the planned ones.
-
-        Raises
-        ------
-        InputError
-            If the kernels hold at other places or are larger.
-        """
-        validate.instance("bank", bank, PsfBank)
-        places = all(map(np.array_equal, (bank.rows, bank.cols), self._centres))
-        if not places or any(new > planned for new, planned in zip(bank.size, self._kernel_size, strict=True)):
-            raise InputError(
-                f"a bank to replan for must have kernels at the planned places and of at most "
-                f"{' x '.join(map(str, self._kernel_size))} px, got {' x '.join(map(str, bank.size))} px"
-                + ("" if places else " elsewhere")
-            )
-        with self._hybrid.team.turn():
-            self._take(bank)
-
-    def _take(self, bank: PsfBank) -> None:
-        """Compute the filters for `bank`, or the OTFs that they are computed from."""
-        raise NotImplementedError
-
     def _apply(
         self,
         filters: ComplexArray,
@@ -160,23 +125,14 @@ class TileFilter:
         validate.callback("progress", progress)
         picture = validate.linear_light(image, self.shape)
         out = validate.output(out, self.shape)
-        with self._hybrid.team.turn():
-            self._filter(filters, picture.reshape(self._channelled), out.reshape(self._channelled), progress)
-        return out
-
-    def _filter(
-        self,
-        filters: ComplexArray,
-        source: FloatImage,
-        target: FloatImage,
-        progress: Callable[[float], None] | None = None,
-    ) -> None:
-        """Filter `source` into `target`, both (H, W, C), contiguous, possibly the same memory."""
 
         def multiply(strip: int, _thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
             spectral.multiply(slabs, filters[strip, block, bands])
 
-        self._pass(source, target, multiply, progress=progress)
+        source, target = picture.reshape(self._channelled), out.reshape(self._channelled)
+        with self._hybrid.team.turn():
+            self._pass(source, target, multiply, progress=progress)
+        return out
 
     def _pass(
         self,
@@ -189,16 +145,9 @@ class TileFilter:
         """Filter `source` into `target`, strip by strip; None is a picture of zeros, and `target` may be `source`."""
         with self.lock:
             if len(self._strips.tiles) > 1 and source is not None and np.shares_memory(source, target):
-                source = self._aside(source)
+                source = source.copy()
             if not self._hybrid.filter(source, target, lambda strip: partial(change, strip), progress=progress):
                 raise InputError("image must be finite")
-
-    def _aside(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return a copy of `picture` in memory that is kept for the next call."""
-        if self._copy is None:
-            self._copy = np.empty_like(picture)
-        np.copyto(self._copy, picture)
-        return self._copy
 
     def _new_filters(self, strips: int | None = None) -> ComplexArray:
         """Return memory for one filter per tile, shape (S, blocks of columns, B, COLUMNS, L): in the order of a pass.
@@ -210,13 +159,27 @@ class TileFilter:
         filters[:, -1] = 0
         return filters
 
-    def _fill_otfs(self, bank: PsfBank, out: ComplexArray, put: PutColumns | None = None, *, first: int = 0) -> None:
-        """Fill `out` with the OTFs of the tiles of the strips from `first` on, or with what `put` computes of them."""
-        parts, put = range(0, self._hybrid.frequencies, otf.COLUMNS), put or put_columns
-        gains = self._planners[0].gains(bank)
+    def _fill_otfs(
+        self,
+        bank: PsfBank,
+        out: ComplexArray,
+        put: Callable[[ComplexArray, int, int, ComplexArray], None] | None = None,
+        *,
+        first: int = 0,
+    ) -> None:
+        """Fill `out` with the OTFs of the tiles of the strips from `first` on.
+
+        Or call `put` with columns of each, and the block, the band and the part of `out` that they or the like are for.
+        """
+        parts, gains = range(0, self._hybrid.frequencies, otf.COLUMNS), self._planners[0].gains(bank)
 
         def fill(thread: int, s: int, b: int, spectrum: ComplexArray, part: int) -> None:
-            put(self._planners[thread].columns(spectrum, gains, part), part // COLUMNS, b, out[s])
+            otfs = self._planners[thread].columns(spectrum, gains, part)
+            if put is not None:
+                put(otfs, part // COLUMNS, b, out[s])
+                return
+            blocks = out[s, part // COLUMNS : (part + otf.COLUMNS) // COLUMNS, b]
+            blocks[...] = otfs.reshape(-1, COLUMNS, otfs.shape[1])[: len(blocks)]
 
         def plan(thread: int, tile: int) -> None:
             s, b = divmod(tile, out.shape[2])
@@ -254,10 +217,6 @@ class Deconvolver(TileFilter):
     border : {"blend", "periodic"}
         "blend" continues the picture and fades opposite borders into each other over the PSF's size; "periodic" assumes
         that the picture repeats.
-    planning : {"estimate", "measure"}
-        How FFTW plans: at once, or by trials of up to a second per plan, which pays for solvers that are applied often.
-        Measured plans are kept in the user's cache folder for later solvers that measure; the bits of "estimate" do not
-        depend on them.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
 
@@ -286,18 +245,18 @@ class Deconvolver(TileFilter):
         *,
         nsr: float = 0.01,
         border: Border = "blend",
-        planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
         self.nsr = max(validate.strength("nsr", nsr), LEAST_NSR)
         margin = decay_margin(self.nsr)
-        super().__init__(bank, shape, margin=margin, border=border, planning=planning, threads=threads)
+        super().__init__(bank, shape, margin=margin, border=border, threads=threads)
         self._filters = self._new_filters()
-        self.replan(bank)
+        ratio, scale = np.float32(self.nsr), np.float32((1.0 + self.nsr) * self._scale)
 
-    def _take(self, bank: PsfBank) -> None:
-        nsr, scale = np.float32(self.nsr), np.float32((1.0 + self.nsr) * self._scale)
-        self._fill_otfs(bank, self._filters, lambda otfs, *place: invert(otfs, nsr, scale, *place))
+        def put(otfs: ComplexArray, block: int, band: int, out: ComplexArray) -> None:
+            spectral.invert(otfs.view(np.float32), ratio, scale, block, band, out.view(np.float32))
+
+        self._fill_otfs(bank, self._filters, put)
 
     def apply(
         self,
@@ -344,14 +303,10 @@ class TileBlur(TileFilter):
         shape: tuple[int, ...],
         *,
         border: Border = "blend",
-        planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
-        super().__init__(bank, shape, margin=LEAST_MARGIN, border=border, planning=planning, threads=threads)
+        super().__init__(bank, shape, margin=LEAST_MARGIN, border=border, threads=threads)
         self._filters = self._new_filters()
-        self.replan(bank)
-
-    def _take(self, bank: PsfBank) -> None:
         self._fill_otfs(bank, self._filters)
         self._filters *= np.float32(self._scale)
         # Computed for the first adjoint: many blurs are never sent back.

@@ -112,7 +112,7 @@ class TileSpectra:
         """
         measured = self._periodograms
         tiles = measured.tiles_under(fit.expected, self._place)
-        return whittle.information(tiles, slopes, (fit.gains, fit.levels), STIFFNESS, threads=self._threads)
+        return whittle.information(tiles, slopes, (fit.gains, fit.levels), STIFFNESS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

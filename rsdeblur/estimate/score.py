@@ -167,11 +167,6 @@ class Score:
         """Return the scores by one of the photos alone."""
         return Score([self.photos[n]], self.deviations, self.threads)
 
-    @property
-    def has_streaks(self) -> bool:
-        """Whether a photo has light streaks."""
-        return any(photo.streaks.streaks for photo in self.photos)
-
     def gain(self, place: FloatArray) -> float:
         """Return how much likelier the spectra and the light streaks are than without a correction."""
         return self.spectra_gain(place) + self.streak_gain(place)
@@ -182,14 +177,11 @@ class Score:
 
     def streak_gain(self, place: FloatArray) -> float:
         """Return how much likelier the light streaks are than without a correction."""
-        leads = map(lead_of, self._streak_nats(place), self._streak_nats(self.nothing))
+        leads = map(lead_of, self.streak_nats(place), self.streak_nats(self.nothing))
         return float(sum(leads))
 
-    def streak_nats(self, place: FloatArray) -> float:
-        """Return how much likelier the light streaks are than under no motion that explains them."""
-        return sum(self._streak_nats(place))
-
-    def _streak_nats(self, place: FloatArray) -> list[float]:
+    def streak_nats(self, place: FloatArray) -> list[float]:
+        """Return how much likelier the light streaks of each photo are than under no motion that explains them."""
         return [photo.streak_nats(row) for photo, row in zip(self.photos, place, strict=True)]
 
     def falls(self, place: FloatArray) -> FloatArray:
@@ -206,7 +198,7 @@ class Score:
         """
         given = other.posterior.nats(other.nothing)
         assert given is not None, "the log describes the exposures"
-        streaks = map(lead_of, self._streak_nats(place), other._streak_nats(other.nothing))
+        streaks = map(lead_of, self.streak_nats(place), other.streak_nats(other.nothing))
         gain = _finite(self.posterior.lead(place, given) + float(sum(streaks)))
         fall = float((other._sparsities(other.nothing) - self._sparsities(place)).sum())
         return gain if gain < 0 else gain + NATS_PER_FALL * min(fall, most)

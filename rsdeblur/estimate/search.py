@@ -219,12 +219,12 @@ class Search:
         """Return the correction that light streaks prefer, and what the spectra and they prefer from there."""
         score, (names, steps) = self._score, ADJUSTMENTS["streaks"]
         axes = score.posterior.directions(names)
-        if not score.has_streaks or not axes or len(score.photos) > 1:
+        if len(score.photos) > 1 or not axes or not score.photos[0].streaks.streaks:
             return []
 
         def likely(places: Sequence[FloatArray]) -> list[float]:
             return share_map(
-                lambda place: score.streak_nats(place) - score.posterior.prior(place), places, self._score.threads
+                lambda place: sum(score.streak_nats(place)) - score.posterior.prior(place), places, self._score.threads
             )
 
         def gains(places: Sequence[FloatArray]) -> list[float]:

@@ -141,8 +141,8 @@ class QuickSharpness:
 
     def _under(self, otfs: ComplexArray) -> FloatArray:
         solver = _RepeatingSolver(self._tiles, otfs)
-        *_, last = self._prior.steps(solver, penalties=PENALTIES, ahead=0.0, threads=1)
-        return self._shares * concentrations(self._tiles.parts(last.latent))
+        *_, (sharp, _) = self._prior.steps(solver, penalties=PENALTIES, ahead=0.0, threads=1)
+        return self._shares * concentrations(self._tiles.parts(sharp))
 
 
 class WholeSharpness:

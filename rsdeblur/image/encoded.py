@@ -21,7 +21,7 @@ from rsdeblur._util.threads import share
 from rsdeblur.choices import Auto, Motion, Transfer
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
-from rsdeblur.kernels.tone import look_up, to_srgb_levels
+from rsdeblur.kernels.tone import look_up, to_srgb
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -49,10 +49,9 @@ class EncodedImage:
     def of(
         cls, image: ArrayLike, transfer: Transfer | Auto = "auto", frame: ReadoutFrame | None = None
     ) -> EncodedImage:
-        """Check a picture that lies as stored, and take it into the upright frame, if one is given, without a copy.
+        """Check a picture as stored, and take it into the upright frame, if one is given, without a copy.
 
-        A transfer of "auto" is sRGB for integers and linear for floats. `InputError` is raised if it is not a picture,
-        and a warning issued if floats are probably encoded values.
+        A transfer of "auto" is sRGB for integers and linear for floats; a warning says if these are probably encoded.
         """
         array = validate.array("image", image)
         if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 4):
@@ -73,10 +72,7 @@ class EncodedImage:
         return height, width, channels - (channels in (2, 4))
 
     def linear(self, rows: slice, *, threads: int | None = 1) -> NDArray[np.float32]:
-        """Return linear light of `rows`, without alpha.
-
-        `InputError` is raised if a value is not finite, or its light or alpha is beyond 1e12.
-        """
+        """Return linear light of `rows`, without alpha; refuse what is not finite or beyond 1e12."""
         height, width, channels = self.shape
         rows = slice(*rows.indices(height)[:2])
         light = empty((rows.stop - rows.start, width, channels), np.float32)
@@ -111,8 +107,7 @@ class EncodedImage:
     def encode(self, light: NDArray[np.float32], rows: slice, out: NDArray[Any], *, threads: int | None = None) -> None:
         """Encode `light` into `rows` of `out`, which is upright like the picture, and copy alpha.
 
-        Results and alpha are clipped to [0, 1] if the picture or `out` has integers, and rounded if `out` has.
-        `InputError` is raised if a value is not finite.
+        Both are clipped to [0, 1] if the picture or `out` has integers, and rounded if `out` has.
         """
         channels = light.shape[2]
         clip = self.values.dtype.kind == "u" or out.dtype.kind == "u"
@@ -137,10 +132,10 @@ class EncodedImage:
 def result_like(
     image: ArrayLike, out: NDArray[Any] | None, frame: ReadoutFrame | None = None
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the array for the result, `out` or a new float32 array, and its view (H, W, C), upright if `frame` is.
+    """Return the array for the result, `out` or new float32, and its view (H, W, C), upright if `frame` is.
 
-    `InputError` is raised if `out` is not a writable array of the picture's shape and of float32, uint8 or uint16; or
-    if it has integers, and most values of the picture are floats beyond 1, which would all become white.
+    `InputError` is raised if `out` is not a writable array of the picture's shape and of float32, uint8 or uint16, or
+    has integers where most values of the picture are floats beyond 1, which would all become white.
     """
     image = np.asarray(image)
     shape = image.shape
@@ -165,27 +160,12 @@ def result_like(
 def check_size(shape: tuple[int, ...], camera: Camera) -> None:
     """Raise `InputError` unless a picture of `shape` has the camera's size."""
     height, width = shape[:2]
-    if (height, width) == (camera.height, camera.width):
-        return
-    if (height, width) == (camera.width, camera.height):
-        hint = (
-            "it is turned by a quarter; turn the picture, or turn the camera: rsdeblur camera import CAMERA --turn 1 "
-            "(or 3) -o OUT, or camera.turned() in Python"
+    if (height, width) != (camera.height, camera.width):
+        raise InputError(
+            f"the picture is {width}x{height} px but the camera's is {camera.width}x{camera.height} px; change the "
+            "camera as the picture was: rsdeblur camera import CAMERA -o OUT with --size WIDTHxHEIGHT, --crop "
+            "WIDTHxHEIGHT+LEFT+TOP or --turn 1, in Python camera.resized(), cropped() or turned()"
         )
-    elif abs(width * camera.height - height * camera.width) <= max(width, camera.width):
-        # A factor would not give this size where its sides were rounded in another way.
-        hint = (
-            f"if it was resized, resize the camera too: rsdeblur camera import CAMERA --size {width}x{height} -o OUT, "
-            f"or camera.resized({width}, {height}) in Python"
-        )
-    else:
-        hint = (
-            f"if it was cropped, crop the camera too: rsdeblur camera import CAMERA --crop {width}x{height}+LEFT+TOP "
-            "-o OUT, or camera.cropped(left, top, width, height) in Python"
-        )
-    raise InputError(
-        f"the picture is {width}x{height} px but the camera's is {camera.width}x{camera.height} px; {hint}"
-    )
 
 
 def displayed(image: ArrayLike, transfer: Transfer | Auto) -> FloatArray:
@@ -196,10 +176,9 @@ def displayed(image: ArrayLike, transfer: Transfer | Auto) -> FloatArray:
 
 
 def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.float32], Camera]:
-    """Return a picture reduced until its longer side has `side` px, encoded as float32, and its camera.
+    """Return a picture reduced until its longer side has `side` px, as float32, integers in [0, 1], and its camera.
 
-    Integers are scaled to [0, 1], and a smaller picture keeps its size. Sindelar and Sroubek (2013) reduce pictures of
-    3264x2448 to 2048x1536. `InputError` is raised if `image` is not a picture, or does not have the camera's size.
+    A smaller picture keeps its size. Sindelar and Sroubek (2013) reduce pictures of 3264x2448 to 2048x1536.
     """
     values = as_float(EncodedImage.of(image, "linear").values)
     check_size(values.shape, camera)
@@ -232,11 +211,17 @@ def warn_of_encoded_floats(array: NDArray[Any]) -> None:
         return
     colours = array[..., :-1] if array.ndim == 3 and array.shape[2] in (2, 4) else array
     rows = colours[:: max(1, len(colours) // 16)]  # some 16 rows
+    with np.errstate(invalid="ignore"):  # NaN: refused later
+        steps = 255 * rows.clip(0, 1).astype(np.float64)
     # Larger numbers than those of 16 bits are no encoded values, and floats of any kind beyond 2^24 are whole.
     if 1 < rows.max() <= np.iinfo(np.uint16).max and (rows == np.round(rows)).all():
         found = f"whole numbers like encoded values, of up to {rows.max():g}"
         remedy = "convert it to uint8 or uint16, or divide it by its full scale and set transfer"
-    elif rows.min() >= 0 and rows.max() <= 1 and _is_of_8_bits(rows):
+    elif (
+        (rows.min() >= 0 and rows.max() <= 1)
+        and (np.abs(steps - np.rint(steps)) <= 255 * np.finfo(rows.dtype).eps).all()
+        and len(np.setdiff1d(np.rint(steps), [0, 255])) >= LEAST_LEVELS
+    ):
         found = "multiples of 1/255 like the encoded values of 8 bits"
         remedy = 'set transfer="srgb", or transfer="linear" if they are light'
     else:
@@ -246,15 +231,6 @@ def warn_of_encoded_floats(array: NDArray[Any]) -> None:
         RsdeblurWarning,
         stacklevel=3,
     )
-
-
-def _is_of_8_bits(values: NDArray[Any]) -> bool:
-    """Return whether floats in [0, 1] are those of a photo of 8 bits."""
-    steps = 255 * values.astype(np.float64)
-    levels = np.rint(steps)
-    if (np.abs(steps - levels) > 255 * np.finfo(values.dtype).eps).any():
-        return False
-    return int(np.count_nonzero(np.bincount(levels.astype(np.intp).ravel(), minlength=256)[1:255])) >= LEAST_LEVELS
 
 
 @lru_cache(maxsize=8)
@@ -283,13 +259,14 @@ def _stored(
     light: NDArray[np.float32], transfer: Transfer, clip: bool, dtype: np.dtype[Any]
 ) -> tuple[NDArray[Any], bool]:
     """Return encoded light as values of a type, and whether all of it is finite."""
-    if transfer == "srgb" and dtype.kind == "u":
-        return to_srgb_levels(np.ascontiguousarray(light), dtype)
+    if transfer == "srgb":
+        values, is_finite = to_srgb(np.ascontiguousarray(light), dtype)
+        return values.clip(0.0, 1.0, out=values) if clip and dtype.kind != "u" else values, is_finite
     values = from_linear(light, transfer)
     with np.errstate(over="ignore", invalid="ignore"):
         # One pass instead of the two of np.isfinite(values).all().
         is_finite = bool(np.isfinite(values.sum()))
-    return _as_stored(values.clip(0.0, 1.0) if clip else values, dtype), is_finite
+        return _as_stored(values.clip(0.0, 1.0) if clip else values, dtype), is_finite
 
 
 def _as_stored(values: NDArray[np.float32], dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -301,11 +278,7 @@ def _as_stored(values: NDArray[np.float32], dtype: np.dtype[Any]) -> NDArray[Any
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadoutFrame:
-    """Conversion between the picture as stored and the upright frame, whose readout runs along y.
-
-    A picture with horizontal readout is turned a quarter clockwise; any other is left as it is. Everything else
-    computes in the upright frame.
-    """
+    """Conversion between the picture as stored and the upright frame, a quarter clockwise for a horizontal readout."""
 
     stored: Camera  # of the picture as stored
 
@@ -333,10 +306,6 @@ class ReadoutFrame:
             log, self.camera, exposure, self.translation(translation), motion=motion, softness=softness
         )
 
-    def shift(self, stored: tuple[float, float]) -> tuple[float, float]:
-        """Return a shift (x, y) of the stored picture as one of the upright picture."""
-        return (-stored[1], stored[0]) if self.quarter else stored
-
     def translation(self, stored: Translation | None) -> Translation | None:
         """Return a translation of the stored camera as one of the upright camera."""
         return stored.turned() if stored is not None and self.quarter else stored
@@ -355,10 +324,9 @@ class ReadoutFrame:
 
 
 def upright(light: FloatImage, camera: Camera, scale: float) -> NDArray[np.float32]:
-    """Return a picture as stored, shape (H, W), reduced by a factor and with the readout along y.
+    """Return a picture as stored (H, W), reduced by a factor, smoothed against aliases, and with the readout along y.
 
-    It is smoothed against aliases first, by half of what a new pixel is longer than an old one, and interpolated
-    linearly, as by `skimage.transform.resize`, which takes 0.14 s to import.
+    It is as by `skimage.transform.resize`, which takes 0.14 s to import.
     """
     small = camera.scaled(scale)
     shape = small.height, small.width

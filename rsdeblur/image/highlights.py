@@ -8,13 +8,9 @@ which are estimated on their own, and a remainder without highlights, which is s
 
 Highlights are never negative, and they lie only where the light of clipped pixels can have come from: in boxes around
 these pixels, outside of which the picture does not change. The Richardson-Lucy iteration keeps both properties. A
-clipped pixel demands no more than to be at least as bright as it is recorded; Whyte et al. (2014) [1]_ model the sensor
-in the same way, while Cho et al. (2011) [2]_ leave such pixels out. The iteration is accelerated as by Biggs and
-Andrews (1997) [3]_. Pixels that highlights spoil are filled in from their surroundings.
-
-.. [1] O. Whyte, J. Sivic and A. Zisserman, "Deblurring shaken and partially saturated images", IJCV 110, 2014.
-.. [2] S. Cho, J. Wang and S. Lee, "Handling outliers in non-blind image deconvolution", ICCV 2011.
-.. [3] D. S. C. Biggs and M. Andrews, "Acceleration of iterative image restoration algorithms", Applied Optics 36, 1997.
+clipped pixel demands no more than to be at least as bright as it is recorded (Whyte et al., IJCV 110, 2014). The
+iteration is accelerated as by Biggs and Andrews (Applied Optics 36, 1997). Pixels that highlights spoil are filled in
+from their surroundings.
 """
 
 from __future__ import annotations
@@ -31,7 +27,6 @@ from scipy import ndimage
 
 from rsdeblur._util.threads import share_map, thread_count
 from rsdeblur.deconv.wiener import TileBlur
-from rsdeblur.errors import InputError
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
@@ -95,9 +90,8 @@ class HighlightSplit:
     def remainder(self, rows: slice, step: int = 1, *, threads: int | None = 1) -> FloatImage:
         """Return linear light of `rows` without highlights; `step` selects every `step`-th row and column."""
         first, stop, _ = rows.indices(self.encoded.shape[0])
-        light = replace(self.encoded, values=self.encoded.values[first:stop:step, ::step]).linear(
-            slice(None), threads=threads
-        )
+        some = replace(self.encoded, values=self.encoded.values[first:stop:step, ::step])
+        light = some.linear(slice(None), threads=threads)
         for patch in self.patches:
             top, bottom = max(patch.rows.start, first), min(patch.rows.stop, stop)
             if top >= bottom:
@@ -107,11 +101,6 @@ class HighlightSplit:
             row, col = (top - first + down) // step, (patch.cols.start + across) // step
             light[row : row + part.shape[0], col : col + part.shape[1]] = part
         return light
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes that the patches take."""
-        return sum(patch.highlights.nbytes + patch.remainder.nbytes for patch in self.patches)
 
     def add_highlights(self, light: FloatImage, first: int) -> None:
         """Add the highlights to the sharp `light` of the picture's rows from `first` on."""
@@ -123,15 +112,10 @@ class HighlightSplit:
 
 
 def at_full_scale(values: NDArray[Any]) -> Mask:
-    """Return which encoded values, uint8, uint16 or float, are at full scale.
-
-    Full scale is 255, 65535 or 1. In a float picture that exceeds 1 anywhere, nothing was clipped at 1.
-    """
+    """Return which encoded values are at full scale: 255, 65535, or 1 in a float picture that nowhere exceeds it."""
     white = full_scale(values)
-    if values.max() != white:
-        return np.zeros(values.shape, dtype=np.bool_)
-    full: Mask = values == white
-    return full
+    full_: Mask = (values == white) & (values.max() == white)
+    return full_
 
 
 def full_scale(values: NDArray[Any]) -> float:
@@ -140,13 +124,10 @@ def full_scale(values: NDArray[Any]) -> float:
 
 
 def find_spots(encoded: EncodedImage) -> list[Spot]:
-    """Return the clipped spots of a picture.
-
-    It is searched in parts, a number of rows at a time; a spot that crosses from one part to the next comes in pieces.
-    """
+    """Return the clipped spots of a picture, searched in parts of rows: spots that cross to the next come in pieces."""
     height, width, channels = encoded.shape
     values = encoded.values[..., :channels]
-    if values.dtype.kind != "u" and values.max() > 1:
+    if values.max() > full_scale(values):
         return []
     rows = max(1, 3_000_000 // width)  # bounds the memory to some 70 MB
     return [spot for top in range(0, height, rows) for spot in _spots(values[top : top + rows], top)]
@@ -159,10 +140,7 @@ def small_spots(spots: list[Spot], bank: PsfBank) -> list[Spot]:
 
 
 def lights(spots: list[Spot], encoded: EncodedImage) -> list[Spot]:
-    """Return the spots that are lamps and glints rather than white things in the sun.
-
-    All of few, all by night, and the smallest of many by day.
-    """
+    """Return the spots that are lamps and glints: all of few, all by night, and the smallest of many by day."""
     height, width, channels = encoded.shape
     by_size = sorted(spots, key=_area)
     covered = np.cumsum(list(map(_area, by_size))) / (height * width)
@@ -177,44 +155,18 @@ def _area(spot: Spot) -> int:
 
 
 def separate_highlights(
-    encoded: EncodedImage,
-    spots: list[Spot],
-    bank: PsfBank,
-    *,
-    threads: int | None = None,
-    max_memory: int | None = None,
-    progress: Callable[[float], None] | None = None,
+    encoded: EncodedImage, spots: list[Spot], bank: PsfBank, *, threads: int | None = None
 ) -> HighlightSplit:
-    """Separate a picture into highlights and a remainder.
-
-    `spots` are those of :func:`find_spots` that are no larger than trails. `InputError` is raised if the largest box
-    needs more than `max_memory` bytes.
-    """
+    """Separate a picture into highlights, at `spots` that are no larger than trails, and a remainder."""
     near = list(_boxes(encoded, spots, bank))
-    _check_memory(near, max_memory)
-    together = 1 if max_memory is not None else thread_count(threads)
-    trails = [spot for each in _of_each(_trails, near, threads, together) for spot in each]
-    boxes = list(_boxes(encoded, trails, bank))
-    _check_memory(boxes, max_memory)
-    return HighlightSplit(encoded, tuple(_of_each(_patch, boxes, threads, together, progress)))
+    trails = [spot for each in _of_each(_trails, near, threads) for spot in each]
+    return HighlightSplit(encoded, tuple(_of_each(_patch, list(_boxes(encoded, trails, bank)), threads)))
 
 
-def _of_each(
-    function: Callable[..., Result],
-    boxes: list[_Box],
-    threads: int | None,
-    together: int,
-    progress: Callable[[float], None] | None = None,
-) -> list[Result]:
-    """Return what `function` returns for each box. Threads share some boxes at a time, and the work in each of them."""
-    results: list[Result] = []
-    while len(results) < len(boxes):
-        some = boxes[len(results) :][:together]
-        within = max(1, thread_count(threads) // len(some))
-        results += share_map(partial(function, threads=within), some, threads)
-        if progress is not None:
-            progress(len(results) / len(boxes))
-    return results
+def _of_each(function: Callable[..., Result], boxes: list[_Box], threads: int | None) -> list[Result]:
+    """Return what `function` returns for each box. Threads share the boxes, and the work in each if these are few."""
+    within = max(1, thread_count(threads) // max(len(boxes), 1))
+    return share_map(partial(function, threads=within), boxes, threads)
 
 
 def filled(light: FloatImage, spoiled: Mask) -> FloatImage:
@@ -242,12 +194,6 @@ class _Box:
         return self.rows.stop - self.rows.start, self.cols.stop - self.cols.start
 
     @property
-    def size(self) -> int:
-        """Number of values."""
-        height, width, channels = *self.shape, self.encoded.shape[2]
-        return height * width * channels
-
-    @property
     def linear(self) -> FloatImage:
         """Linear light, shape (h, w, C)."""
         return replace(self.encoded, values=self.encoded.values[self.rows, self.cols]).linear(slice(None))
@@ -264,8 +210,8 @@ class _Box:
 
     def blur(self, threads: int) -> TileBlur:
         """Return the planned blur in the box, with kernels on pixels, which unlike paths are never negative."""
-        bank = self.bank.cut(self.rows, self.cols)
-        bank = PsfBank(bank.kernels, bank.rows - self.rows.start, bank.cols - self.cols.start)
+        cut = self.bank.cut(self.rows, self.cols)
+        bank = PsfBank(cut.kernels, cut.rows - self.rows.start, cut.cols - self.cols.start)
         return TileBlur(bank, (*self.shape, self.encoded.shape[2]), threads=threads)
 
 
@@ -315,20 +261,6 @@ def _cells(span: slice, reach: int) -> slice:
     return slice(max(span.start - reach, 0) // CELL, -(-(span.stop + reach) // CELL))
 
 
-def _check_memory(boxes: list[_Box], max_memory: int | None) -> None:
-    """Raise `InputError` if the largest box and all patches together need more memory."""
-    if max_memory is None or not boxes:
-        return
-    largest = max(boxes, key=lambda box: box.size)
-    # Bytes per value while highlights are estimated (measured: 92 to 150), and as a patch afterwards.
-    needed = 166 * largest.size + 8 * sum(box.size for box in boxes)
-    if needed > max_memory:
-        raise InputError(
-            f"max_memory is {max_memory >> 20} MiB, but the highlights near row {largest.rows.start}, column "
-            f'{largest.cols.start} need {needed >> 20} MiB; allow that much, or use saturation="ignore"'
-        )
-
-
 def _trails(box: _Box, threads: int) -> list[Spot]:
     """Return the spots that may be trails of highlights."""
     lost, numbers = box.lost()
@@ -364,8 +296,7 @@ def _patch(box: _Box, threads: int) -> Patch:
 
 
 def _spoiled(lost: Mask) -> Mask:
-    spoiled: Mask = ndimage.binary_dilation(_any(lost), iterations=SPOILED)
-    return spoiled
+    return ndimage.binary_dilation(_any(lost), iterations=SPOILED)
 
 
 def _around(light: FloatImage, lost: Mask) -> FloatImage:

@@ -75,7 +75,8 @@ def fade_undershoot(
     down, across = (_between(n, len_cells, step) for n, len_cells in zip((height, width), weight.shape, strict=True))
 
     def fade_tile(_: int, rows: slice, cols: slice) -> None:
-        (above, under, low), (left, right, far) = ((a[rows] for a in down), (a[cols] for a in across))
+        (above, under, low), (left, right, far) = down, across
+        above, under, low, left, right, far = above[rows], under[rows], low[rows], left[cols], right[cols], far[cols]
         if weight[above[0] : under[-1] + 1, left[0] : right[-1] + 1].any():
             values = encoded.values[first + rows.start : first + rows.stop, cols]
             blurred = EncodedImage(values, encoded.transfer).linear(slice(None))
@@ -93,8 +94,7 @@ def _between(n: int, cells: int, step: int) -> Between:
 
 def _below_black(sharp: FloatImage, step: int, threads: int | None) -> NDArray[np.float32]:
     """Return the mean depth below zero, of the channel where it is largest, in cells of `step` x `step` px."""
-    height, width, _ = sharp.shape
-    below = np.empty((-(-height // step), -(-width // step)), dtype=np.float32)
+    below = np.empty([-(-n // step) for n in sharp.shape[:2]], dtype=np.float32)
     rows = 16  # of cells, measured at a time
 
     def measure(_: int, top: int) -> None:
@@ -140,9 +140,7 @@ class UndershootMeter:
 
 
 def _mean_square_below_black(light: NDArray[np.float32]) -> FloatArray:
-    below = np.minimum(light, 0.0)
-    np.square(below, out=below)
-    means: FloatArray = below.mean((1, 2)).astype(np.float64)
+    means: FloatArray = np.square(np.minimum(light, 0.0)).mean((1, 2))
     return means
 
 

@@ -107,7 +107,7 @@ def from_linear(light: NDArray[np.float32], transfer: Transfer) -> NDArray[np.fl
         if transfer == "srgb":
             from rsdeblur.kernels.tone import to_srgb  # loads Numba, which checks of options need not wait for
 
-            return to_srgb(np.asarray(light, dtype=np.float32, order="C"))
+            return to_srgb(np.asarray(light, dtype=np.float32, order="C"))[0]
         return np.copysign(np.abs(light) ** (1.0 / transfer), light).astype(np.float32)
 
 
@@ -127,8 +127,7 @@ def normalized(light: NDArray[np.float32]) -> NDArray[np.float32]:
     """
     low, high = np.quantile(light, [OUTLIERS, 1.0 - OUTLIERS])
     low, high = min(float(low), 0.0), max(float(high), 1.0)
-    squeezed: NDArray[np.float32] = ((light - np.float32(low)) / np.float32(high - low)).clip(0.0, 1.0)
-    return squeezed
+    return ((light - np.float32(low)) / np.float32(high - low)).clip(0.0, 1.0)
 
 
 def quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:

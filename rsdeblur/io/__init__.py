@@ -3,8 +3,8 @@
 All are read in one way. `source` opens a file and finds its format; the format parses it, with `text`, which reads
 numbers and names a line that cannot be read, and `columns`, which finds the columns of tables; and one function per
 kind finishes what was parsed, such as `samples.finish` for logs. The formats of logs are grouped by family:
-`gyro_tables` (text), `gyroflow`, `gyro_binary` (pictures and videos) and `archives`. `trajectories` reads poses that
-other programs found; `picture_output` writes pictures.
+`gyro_tables` (text), `gyroflow` and `gyro_binary` (videos). `trajectories` reads poses that other programs found;
+`picture_output` writes pictures.
 """
 
 from rsdeblur.io import cameras, captures, gyro_logs, trajectories
@@ -15,7 +15,7 @@ from rsdeblur.io.gyro_logs import detect_gyro_format, open_gyro, read_accelerati
 from rsdeblur.io.picture_output import write_picture
 from rsdeblur.io.pictures import Picture, is_picture, read_depths, read_picture
 from rsdeblur.io.samples import GYRO
-from rsdeblur.io.source import KINDS, Format, Kind, is_archive
+from rsdeblur.io.source import KINDS, Format, is_archive
 from rsdeblur.io.trajectories import read_trajectory
 
 __all__ = [
@@ -33,29 +33,14 @@ __all__ = [
 ]
 
 # The first kind that fits is reported: a .gcsv log is a gyro log rather than a camera, MARS logger's metadata are
-# captures rather than a camera.
-KINDS += [
-    Kind("picture", "give it as the photo", [Format("picture", "picture", is_picture, read_picture)]),
-    Kind(
-        "video",
-        "give it to rsdeblur video",
-        [Format("video", "video", lambda source: is_video(source) and not source.looks_like_text, open_gyro)],
-    ),
-    Kind(
-        "gyro log",
-        "give it as --gyro",
-        [
-            *gyro_logs.formats(GYRO),
-            # Raises `FileFormatError`, which means no, if the archive has no log.
-            Format(
-                "zip",
-                "zip archive",
-                lambda source: is_archive(source) and bool(detect_gyro_format(source.path)),
-                open_gyro,
-            ),
-        ],
-    ),
-    Kind("capture file", "give it as --capture", captures.FORMATS),
-    Kind("camera file", "give it as --camera", cameras.FORMATS),
-    Kind("trajectory", "rsdeblur.read_trajectory reads it", trajectories.FORMATS),
-]
+# captures rather than a camera. `detect_gyro_format` raises `FileFormatError`, which means no.
+_video = Format("video", "video", lambda source: is_video(source) and not source.looks_like_text, open_gyro)
+_zip = Format("zip", "zip archive", lambda each: is_archive(each) and bool(detect_gyro_format(each.path)), open_gyro)
+KINDS |= {
+    "picture": ("give it as the photo", [Format("picture", "picture", is_picture, read_picture)]),
+    "video": ("give it to rsdeblur video", [_video]),
+    "gyro log": ("give it as --gyro", [*(each for each in gyro_logs.formats(GYRO) if each.name != "video"), _zip]),
+    "capture file": ("give it as --capture", captures.FORMATS),
+    "camera file": ("give it as --camera", cameras.FORMATS),
+    "trajectory": ("rsdeblur.read_trajectory reads it", trajectories.FORMATS),
+}

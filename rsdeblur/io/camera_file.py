@@ -41,10 +41,8 @@ class Request:
 class Assumption(NamedTuple):
     """Something assumed because a file does not contain it."""
 
-    about: str
-    """Key of the camera file that replaces the assumption; or an empty text."""
-    text: str
-    """Message for the user."""
+    about: str  # key of the camera file that replaces the assumption; or an empty text
+    text: str  # message for the user
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,18 +50,12 @@ class CameraFile:
     """A camera with the other content of its file."""
 
     camera: Camera
-    format: str
-    """Name of the file's format."""
-    facts: Mapping[str, Any] = field(default_factory=dict)
-    """Other content of the file, for reports."""
-    assumptions: tuple[Assumption, ...] = ()
-    """Assumptions made because the file does not contain a value."""
+    format: str  # name of the file's format
+    facts: Mapping[str, Any] = field(default_factory=dict)  # other content of the file, for reports
+    assumptions: tuple[Assumption, ...] = ()  # assumptions made because the file does not contain a value
 
     def with_overrides(self, **overrides: Any) -> CameraFile:
-        """Return the file with these keys of its camera replaced, and without the assumptions about them.
-
-        None keeps a key.
-        """
+        """Return the file with keys of its camera replaced, unless None, and without the assumptions about them."""
         overrides = {key: value for key, value in overrides.items() if value is not None}
         overrides |= {"readout_sd": 0.0} if "readout_time" in overrides else {}
         assumptions = tuple(assumption for assumption in self.assumptions if assumption.about not in overrides)
@@ -111,8 +103,6 @@ class CameraFile:
             f"{width}x{height} has another aspect ratio than the file's {camera.width}x{camera.height}: the picture is "
             "assumed to be resized by its width and cut at top and bottom; for a cut-out, give --crop instead of --size"
         )
-        if (width > height) != (camera.width > camera.height):
-            text += "; for a picture that was turned, give --size of the picture before it, and --turn"
         return replace(self, camera=cut, assumptions=(*self.assumptions, Assumption("focal_length", text)))
 
 
@@ -128,10 +118,7 @@ def finished(
     readout_time: float | None,
     **fields: Any,
 ) -> CameraFile:
-    """Return what a reader found as the camera of a picture of the requested size.
-
-    A `readout_time` of None, in s, is missing in the file.
-    """
+    """Return what a reader found as the camera of a picture of the requested size; `readout_time` may be None."""
     fields |= UNKNOWN_READOUT if readout_time is None else {"readout_time": readout_time}
     with source.parsing(facts.get("camera", "the camera")):
         camera = Camera(*size, focal_length, **fields)

@@ -40,12 +40,9 @@ FRAME_SPACING = (0.0005, 0.5)
 class CaptureFile:
     """The captures listed in a file."""
 
-    format: str
-    """Name of the file's format."""
-    timestamps: list[int]
-    """Exact timestamps in ns."""
-    durations: Sequence[float | None]
-    """Exposure times in s; None where the file does not contain one."""
+    format: str  # name of the file's format
+    timestamps: list[int]  # exact timestamps in ns
+    durations: Sequence[float | None]  # exposure times in s; None where the file does not contain one
 
 
 def read_captures(
@@ -54,8 +51,8 @@ def read_captures(
     """Read the exposures of a recording, in the order of the file.
 
     Reads MARS logger ``movie_metadata.csv``, DeepGyro ``images.txt``, GyroDeblurNet ``image_info.txt``, timestamps
-    alone or beside the names of pictures (EuRoC ``cam0/data.csv``), and JPEG files with a GYRODATA trailer. The content
-    decides the format. Timestamps without a unit show it by a date since 2000; else whole numbers are in ns, and others
+    alone or beside the names of pictures (EuRoC ``cam0/data.csv``). The content decides the format. Timestamps
+    without a unit show it by a date since 2000; else whole numbers are in ns, and others
     in s if the frames are then 0.5 to 500 ms apart. Exposure times without a unit have that of the timestamps.
 
     Parameters
@@ -219,10 +216,7 @@ CLOCK_SOURCE = re.compile(r"SENSOR_INFO_TIMESTAMP_SOURCE is (?:SENSOR_INFO_TIMES
 
 
 def clock_facts(source: Source) -> dict[str, Any] | None:
-    """Return the clocks of a MARS logger session from its `edge_epochs.txt`; None for other files.
-
-    A `FileFormatError` names the line whose numbers contradict each other, or from which on the clocks drift apart.
-    """
+    """Return the clocks of a MARS logger session from its `edge_epochs.txt`; None for other files."""
     match = CLOCK_SOURCE.search(source.head.decode("latin-1"))
     if match is None:
         return None

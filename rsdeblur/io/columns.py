@@ -78,7 +78,7 @@ class Quantity:
     """Columns that a reader looks for beside that of the timestamps.
 
     `names` are those by which users choose them, `patterns` the usual ones in headers, `spellings` their units. A table
-    may lack the last `optional` ones. `hint` is a word in names that are not the usual ones.
+    may lack the last `optional` ones. `hint` is a pattern of words in names that are not the usual ones.
     """
 
     names: tuple[str, ...]
@@ -125,16 +125,15 @@ class Columns:
         return [Cell.of(cell).name for cell in cells_of(self.header)] if self.header else []
 
     @property
-    def sensors(self) -> list[int]:
-        """Places of columns that say whose sample a row is."""
-        return [k for k, name in enumerate(self.names) if SENSOR.fullmatch(name)]
+    def has_sensor(self) -> bool:
+        """Whether a column says whose sample a row is."""
+        return any(map(SENSOR.fullmatch, self.names))
 
     def option(self, quantity: Quantity, time_unit: str = "") -> str:
-        """Return the option that chooses these columns, the unit of time replaced."""
-        places = {name: str(k + 1) for name, k in zip(("t", *quantity.names), self.places, strict=False) if k >= 0}
-        if time_unit and "t" in places:
-            places["t"] += f":{time_unit}"
-        return "--columns " + ",".join(f"{name}={place}" for name, place in places.items())
+        """Return the option that chooses these columns, with a unit of time if one is given."""
+        unit = f":{time_unit}" if time_unit else ""
+        places = zip(("t", *quantity.names), self.places, strict=False)
+        return "--columns " + ",".join(f"{name}={k + 1}{unit * (name == 't')}" for name, k in places if k >= 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,10 +193,7 @@ def named_columns(text: TextFile, values: Quantity = RATE, *, stamped: bool = Tr
 
 
 def choices_of(columns: str) -> dict[str, dict[str, tuple[str, str | None]]]:
-    """Return the chosen columns and their units, by kind of file and by name; semicolons separate kinds.
-
-    Raises `InputError` if a part is not like `t=time:us,gx=3,gy=4,gz=5`.
-    """
+    """Return the chosen columns and their units, by kind of file and by name; semicolons separate kinds."""
     chosen = {}
     for part in columns.split(";"):
         pairs = {name: (column, UNIT_OF.get(unit.lower())) for name, column, unit in CHOICE.findall(part.strip())}
@@ -215,11 +211,7 @@ def choice_for(kind: str, columns: str | None) -> str | None:
 
 
 def chosen_columns(text: TextFile, columns: str, kind: str, values: Quantity, *, stamped: bool = True) -> Columns:
-    """Return the columns of a table of this kind that the user chose, by names or by numbers from 1.
-
-    The table starts at the first line in which they are numbers. Raises `InputError` if the choice lacks a column or
-    has a wrong unit, `FileFormatError` if the table has no such column.
-    """
+    """Return the columns of a table of this kind that the user chose, by names or by numbers from 1."""
     chosen = choices_of(columns).get(kind, {})
     needed = [*["t"] * stamped, *values.names[: len(values.names) - values.optional]]
     if missing := [name for name in needed if name not in chosen]:
@@ -286,23 +278,23 @@ def listed(text: TextFile) -> str:
 def guessed_option(text: TextFile, values: Quantity) -> str:
     """Return the option that names the columns of an unknown table, with `?` for those that cannot be guessed."""
     names, row = _table(text)
-    words = [each.lower().replace("roll", "x").replace("pitch", "y").replace("yaw", "z") for each in names or row]
-    numeric = [k for k, cell in enumerate(row) if is_number(cell)]
-    grid = None if names else layout_grid(text, len(row))
-    stamps = [k for k in numeric if names and STAMPS.search(words[k])] or ([] if grid is None else rising(grid))
+    words = [name.lower().replace("roll", "x").replace("pitch", "y").replace("yaw", "z") for name in names]
+    words = words or [""] * len(row)
+    numeric, grid = [k for k, cell in enumerate(row) if is_number(cell)], layout_grid(text, len(row))
+    stamps = [k for k in numeric if STAMPS.search(words[k])] or ([] if grid is None else rising(grid)) or [-1]
     wanted = values.names[: len(values.names) - values.optional] or values.names
     groups: dict[str, list[int]] = {}
     for k in numeric:
-        if k not in stamps[:1]:
-            groups.setdefault(re.sub("[xyz0-9]", "", words[k]) if names else "", []).append(k)
+        if k != stamps[0]:
+            groups.setdefault(re.sub("[xyz0-9]", "", words[k]), []).append(k)
     fits = (
-        sorted(group, key=lambda k: words[k] if names else "")
+        sorted(group, key=words.__getitem__)
         for hint in values.hint.split("|")
         for group in groups.values()
         if len(group) == len(wanted) and (not names or re.search(hint, words[group[0]]))
     )
-    places = dict(zip(("t", *wanted), [*(stamps[:1] or [-1]), *next(fits, [])], strict=False))
-    return "--columns " + ",".join(f"{name}={places.get(name, -1) + 1 or '?'}" for name in ("t", *wanted))
+    places = (stamps[0], *next(fits, [-1] * len(wanted)))
+    return "--columns " + ",".join(f"{name}={k + 1 or '?'}" for name, k in zip(("t", *wanted), places, strict=True))
 
 
 def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
@@ -320,12 +312,9 @@ def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
                 "commas, separate the columns by semicolons or tabs",
                 row,
             )
-    for k in columns.sensors:
-        sensors = sorted({found[k] for found in cells if k < len(found)})
-        if len(sensors) > 1:
-            raise text.error(
-                f"column {k + 1} names several sensors ({', '.join(sensors)[:80]}); keep the lines of one only", some[0]
-            )
+    for k, name in enumerate(columns.names):
+        if SENSOR.fullmatch(name) and len({found[k] for found in cells if k < len(found)}) > 1:
+            raise text.error(f"column {k + 1} names several sensors; keep the lines of one only", some[0])
     place = columns.places[0]
     width = min([64, *map(len, cells)])  # the columns of any sensor log, and a bound on the work for other files
     grid = np.array([[float(cell) if is_number(cell) else np.nan for cell in found[:width]] for found in cells])
@@ -334,7 +323,7 @@ def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
         if others:
             raise text.error(
                 f"column {place + 1} was taken as time, but does not rise, unlike "
-                f"{' and '.join(f'column {k + 1}' for k in others)}; choose: --columns t={others[0] + 1},...",
+                f"column {others[0] + 1}; choose: --columns t={others[0] + 1},...",
                 some[0],
             )
 
@@ -342,10 +331,7 @@ def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
 def unit_of_time(
     table: Table, columns: Columns, quantity: Quantity, rates: tuple[float, float] = (SLOWEST, FASTEST)
 ) -> str:
-    """Return the unit of time that the timestamps of a table show, if they rise at one of `rates`, Hz.
-
-    Raises `FileFormatError`, with the option that sets the unit, if none or two fit.
-    """
+    """Return the unit in which the timestamps of a table rise at one of `rates`, Hz; refuse none and several."""
     # Timestamps that fit as nanoseconds fit in every unit, and their differences do not overflow.
     table.check_range(TIME_UNITS["ns"])
     if len(table.rows) < 2:
@@ -362,10 +348,7 @@ def unit_of_time(
 
 
 def layout_grid(text: TextFile, columns: int) -> FloatArray | None:
-    """Return some rows of a table, spread over it; None unless the first and most others are `columns` numbers.
-
-    The format's reader names the line of a row that is not.
-    """
+    """Return some rows of a table, spread over it; None unless the first and most others are `columns` numbers."""
     cells = [cells_of(text.lines[row]) for row in spread(text.rows, LAYOUT_ROWS)]
     fitting = [row for row in cells if len(row) == columns and all(map(is_number, row))]
     if not fitting or fitting[0] is not cells[0] or 2 * len(fitting) < len(cells):

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Mapping
+import struct
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from rsdeblur._util.binary import check_sample_sizes
-from rsdeblur._util.files import open_file
 from rsdeblur._util.validate import missing
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io._sensor import AVIF_BRANDS, BRANDS
 from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds
-from rsdeblur.io.source import Format, Refused, Source, check_trusted, mistaken
+from rsdeblur.io.source import Format, Source
 
 # Four-character codes of GoPro that telemetry-parser does not name: readout time (ms), electronic stabilisation.
 GOPRO_READOUT, GOPRO_STABILISED, GOPRO_STABILISER = "0x53524f54", "0x45495345", "0x45495341"
@@ -69,24 +68,34 @@ def is_video(source: Source) -> bool:
     return head[4:8] in (b"moov", b"mdat", b"wide", b"skip", b"free") or head[4:6] == b"RE"
 
 
+def _check_sample_sizes(source: Source) -> None:
+    """Refuse a video that claims larger samples than itself: decoders make room for a sample before they read it."""
+    data: Any = np.memmap(source.path, mode="r")
+    parts = [(0, len(data))]
+    while parts:
+        place, stop = parts.pop()
+        while place + 16 <= stop:
+            size, kind, long = struct.unpack_from(">I4sQ", data, place)
+            start, end = (place + 16, place + long) if size == 1 else (place + 8, place + size)
+            place = min(end, stop) if end >= start else stop
+            if kind in (b"moov", b"trak", b"mdia", b"minf", b"stbl"):
+                parts.append((start, place))
+            # Version; then the size of all samples or 0, their number, and the size of each.
+            elif kind == b"stsz" and (data[start : place - (place - start) % 4].view(">u4")[1:] > len(data)).any():
+                raise ValueError(f"it claims samples that are larger than its {len(data)} bytes")
+
+
 Blocks = list[Mapping[str, Any]]
 
 
 def telemetry_of(source: Source) -> tuple[str, Blocks, Blocks]:
     """Return the camera of a video, all blocks of its telemetry, of about a second, and the samples of the IMU."""
     try:
-        check_trusted("telemetry of videos", "telemetry-parser")
         import telemetry_parser
     except ModuleNotFoundError:
         raise source.error(missing("reading the gyro data of a video needs telemetry-parser", "telemetry")) from None
-    except Refused as error:
-        raise source.error(str(error)) from None
     try:
-        with open_file(source.path, source.what) as file:
-            check_sample_sizes(file)
-    except ValueError as error:
-        raise source.error(f"the video is damaged: {error}") from None
-    try:
+        _check_sample_sizes(source)
         parser = telemetry_parser.Parser(str(source.path))
         blocks, samples = parser.telemetry(human_readable=False), parser.normalized_imu()
     except (OSError, ValueError, RuntimeError) as error:
@@ -146,15 +155,11 @@ def _read_video(source: Source, sensor: AnySensor) -> Samples:
     return Samples(nanoseconds(times, error_at), rates, error_at, unit, "gyroflow", None, "ms", facts, cautions)
 
 
-def other_log(source: Source) -> Format[Samples] | None:
-    """Return the format of a log that only telemetry-parser knows, such as Betaflight's; None if it does not either."""
-    if mistaken(source) is not None or source.path.suffix.lower() == ".zip":
-        return None
-    try:
+def other_logs(source: Source) -> Iterator[Format[Samples]]:
+    """Yield the format of a log that only telemetry-parser knows, such as Betaflight's; nothing if it fails too."""
+    with contextlib.suppress(FileFormatError):
         samples = _read_video(source, GYRO)
-    except FileFormatError:
-        return None
-    return Format("telemetry", "log that telemetry-parser reads", lambda _: True, lambda _: samples)
+        yield Format("telemetry", "log that telemetry-parser reads", lambda _: True, lambda _: samples)
 
 
 def _facts(camera: str, blocks: Blocks) -> dict[str, Any]:

@@ -18,11 +18,9 @@ import numpy as np
 from rsdeblur._util import validate
 from rsdeblur.errors import InputError
 from rsdeblur.io import gyro_binary, gyro_tables, gyroflow
-from rsdeblur.io.gyro_tables import FACTS
 from rsdeblur.io.samples import ACCELEROMETER, GYRO, AnySensor, GyroFile, Samples, finish
-from rsdeblur.io.source import Format, Source, choose, members_of
+from rsdeblur.io.source import Format, Source, choose, members_of, mistaken
 from rsdeblur.io.text import cells_of, is_number, line_error
-from rsdeblur.motion.axes import imu_to_camera
 from rsdeblur.motion.axes import orientation as orientation_matrix
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.gyro import AccelerationLog, GyroLog
@@ -124,12 +122,12 @@ def open_gyro(
     if orientation is not None:
         validate.instance("orientation", orientation, str)
         overrides = {"turn": orientation_matrix(orientation), "axes": "gyroflow", "cautions": ()}
-    chosen, source, facts = _choose(path, GYRO, format, columns)
+    chosen, source, pauses = _choose(path, GYRO, format, columns)
     samples, path = chosen.read(source), source.path
     # Frees the content, perhaps a gigabyte, before the log is made.
     del source
-    samples = _with_pauses(replace(samples, **overrides), facts.pop("pauses", []))
-    facts = {**facts, **samples.facts} | ({"orientation": orientation} if orientation else {})
+    samples = _with_pauses(replace(samples, **overrides), pauses)
+    facts = dict(samples.facts) | ({"orientation": orientation} if orientation else {})
     log, unit = finish(samples, GYRO, unit, rate, partial(line_error, path))
     return GyroFile(log, chosen.name, samples.axes, samples.time_unit, unit, facts)
 
@@ -169,8 +167,8 @@ def read_acceleration(
     RsdeblurWarning
         If samples were sorted or dropped.
     """
-    chosen, source, facts = _choose(path, ACCELEROMETER, None, columns)
-    samples = _with_pauses(chosen.read(source), facts.get("pauses", []))
+    chosen, source, pauses = _choose(path, ACCELEROMETER, None, columns)
+    samples = _with_pauses(chosen.read(source), pauses)
     return finish(samples, ACCELEROMETER, unit, None, partial(line_error, source.path))[0]
 
 
@@ -181,14 +179,14 @@ def detect_gyro_format(path: str | os.PathLike[str]) -> str:
 
 def _choose(
     path: str | os.PathLike[str], sensor: AnySensor, format: str | None = None, columns: str | None = None
-) -> tuple[Format[Samples], Source, dict[str, Any]]:
-    """Return the format, the source of the log (the file or a member of it), and facts from files beside it."""
+) -> tuple[Format[Samples], Source, list[tuple[float, float]]]:
+    """Return the format, the source of the log (the file or a member of it), and the pauses in a file beside it."""
     if columns is not None and format is not None:
         raise InputError("columns and format exclude each other: columns are of a table")
     known = formats(sensor) if columns is None else (gyro_tables.columns_format(sensor, columns),)
     order = partial(_order, sensor=sensor)
     members = members_of(Source(path, sensor.what), order)
-    facts = _facts_beside(members)
+    pauses = _pauses_beside(members)
     tried = [each for each in known if format in (None, each.name)]
     # In their order, so that large files of other sensors are not parsed beside the log.
     for _, group in groupby(members, lambda member: order(member.path.name)):
@@ -204,12 +202,12 @@ def _choose(
                 "photo or video, and give that",
             )
         if likely:
-            return choose(known, likely[0], format), likely[0], facts
+            return choose(known, likely[0], format), likely[0], pauses
     if columns is not None:
-        return known[0], members[0], facts
-    if sensor is GYRO and (other := gyro_binary.other_log(members[0])) is not None:
-        return other, members[0], facts
-    return choose(known, members[0], format, quantity=sensor.quantity), members[0], facts
+        return known[0], members[0], pauses
+    if sensor is GYRO and format is None and mistaken(members[0]) is None:
+        known = (*known, *gyro_binary.other_logs(members[0]))
+    return choose(known, members[0], format, quantity=sensor.quantity), members[0], pauses
 
 
 def _order(name: str, sensor: AnySensor) -> tuple[bool, bool | str, bool]:
@@ -220,19 +218,13 @@ def _order(name: str, sensor: AnySensor) -> tuple[bool, bool | str, bool]:
     return "totalacc" not in stem, stem if "acc" in stem else "~", False
 
 
-def _facts_beside(members: list[Source]) -> dict[str, Any]:
-    """Return device and app from Sensor Logger's `Metadata.csv`, or the pauses of phyphox; empty without either."""
-    for member in members:
-        if member.path.name.lower() == "metadata.csv" and member.looks_like_text and len(member.text.lines) > 1:
-            names, values = (line.strip().split(",") for line in member.text.lines[:2])
-            return {name: value for name, value in zip(names, values, strict=False) if name in FACTS and value}
-        if member.path.parts[-2:] == ("meta", "time.csv") and member.looks_like_text:
-            return {"pauses": _pauses(member)}
-    return {}
+def _pauses_beside(members: list[Source]) -> list[tuple[float, float]]:
+    """Return the pauses in phyphox's `meta/time.csv`: each its time in the experiment and its length, both in s."""
+    clocks = (each for each in members if each.path.parts[-2:] == ("meta", "time.csv") and each.looks_like_text)
+    return next(map(_pauses, clocks), [])
 
 
 def _pauses(member: Source) -> list[tuple[float, float]]:
-    """Return the pauses in phyphox's `meta/time.csv`: each its time in the experiment and its length, both in s."""
     rows = [cells_of(line) for line in member.text.lines]
     times = [(row[0], float(row[1]), float(row[2])) for row in rows if [*map(is_number, row[1:3])] == [True] * 2]
     return [
@@ -253,20 +245,9 @@ def _with_pauses(samples: Samples, pauses: list[tuple[float, float]]) -> Samples
     return replace(samples, ns=ns, cautions=cautions)
 
 
-def axes_problems(file: GyroFile, camera: Camera, path: Path) -> list[str]:
-    """Return what in a camera contradicts the axes of a log and the shutter of its device, where those are known."""
-    problems = []
-    if file.axes == "phone" and camera.readout_time == 0:
-        problems.append(
-            f"the readout time is 0, as of a global shutter, but {path} is the log of a phone, whose shutter rolls; "
-            "give --readout-time"
-        )
-    given = None
-    if np.array_equal(camera.imu_to_camera, np.eye(3)):
-        given = "the identity"
-    elif file.axes == "gyroflow" and np.array_equal(camera.imu_to_camera, imu_to_camera("phone-portrait")):
-        given = "that of a phone's axes"
-    if given is not None and file.axes != "sensor":
-        expected = "phone-portrait or phone-landscape" if file.axes == "phone" else "gyroflow"
-        problems.append(f"imu_to_camera is {given}, but {path} is in {file.axes} axes; it should be {expected}")
-    return problems
+def axes_problem(file: GyroFile, camera: Camera, path: Path) -> str | None:
+    """Return what in a camera contradicts the axes of a log, if those are known."""
+    if file.axes == "sensor" or not np.array_equal(camera.imu_to_camera, np.eye(3)):
+        return None
+    expected = "phone-portrait or phone-landscape" if file.axes == "phone" else "gyroflow"
+    return f"imu_to_camera is the identity, but {path} is in {file.axes} axes; it should be {expected}"

@@ -35,7 +35,6 @@ from rsdeblur.types import FloatArray
 
 # Android's sensor types: the gyro, the gyro whose bias the phone does not remove, and the accelerometer.
 GYRO_TYPE, UNCALIBRATED_TYPE, ACCELEROMETER_TYPE = "4", "16", "1"
-UNCALIBRATED = {"bias": "not removed by the phone"}
 
 # Words in the file names of other sensors, whose tables may have the same columns as a gyro's.
 OTHER_SENSORS = re.compile(r"acc|gravity|magn|orientation|compass|barom", re.IGNORECASE)
@@ -60,10 +59,7 @@ def _read(
     forces: Columns | None = None,
     rows: Sequence[int] | None = None,
 ) -> Samples:
-    """Read a table, or only `rows` of it; `unit` is that of values without one, None if the samples must show it.
-
-    `forces` are the columns of the accelerometer beside a gyro.
-    """
+    """Read a table, or `rows` of it; `unit` is that of values without one, `forces` the accelerometer's columns."""
     if not columns.is_named and sensor is GYRO and names_other_sensor(stem := text.path.stem):
         raise text.error(f"the file is named after another sensor than the gyro ({stem}); give the gyro's file")
     lines = np.asarray(text.rows[columns.start :] if rows is None else rows, dtype=np.intp)
@@ -81,9 +77,8 @@ def _read(
         unit=unit,
         axes=axes,
         time_unit=time,
-        option=partial(columns.option, sensor.quantity),
+        option=columns.option(sensor.quantity, "{}"),
         forces=read_table(text, lines, forces.places).values if forces and unit is None else None,
-        facts=UNCALIBRATED if "uncalibrated" in text.path.stem.lower() else {},
     )
 
 
@@ -175,7 +170,7 @@ def _tagged_format(sensor: AnySensor) -> Format[Samples]:
         if samples.time_unit != "ns":
             # Not DeepGyro: another program's unit of rates and axes.
             return replace(samples, axes="sensor")
-        return replace(samples, unit=sensor.unit, facts=UNCALIBRATED if kind == UNCALIBRATED_TYPE else {})
+        return replace(samples, unit=sensor.unit)
 
     return text_format("deepgyro", "imu.txt with types, `type t_ns x y z`", _is_tagged, read)
 
@@ -187,7 +182,7 @@ def _plain_columns(text: TextFile, sensor: AnySensor = GYRO) -> Columns | None:
         return named
     is_own = ("gyr" if sensor is GYRO else "acc") in text.path.stem.lower()
     bare = named_columns(text, sensor.quantity.bare)
-    if bare is not None and (any(bare.units[1:]) or bare.sensors or is_own):
+    if bare is not None and (any(bare.units[1:]) or bare.has_sensor or is_own):
         return bare
     for width in (4, 7):
         grid = layout_grid(text, width)
@@ -223,8 +218,6 @@ SENSORS = {
     "rates": ("Gyroscope", "GyroscopeUncalibrated"),
     "accelerations": ("TotalAcceleration", "AccelerometerUncalibrated", "Accelerometer"),
 }
-# What reports say of its exports.
-FACTS = ("device name", "platform", "appVersion")
 
 
 def _is_json(source: Source) -> bool:
@@ -246,10 +239,12 @@ def _read_json(source: Source, sensor: AnySensor) -> Samples:
     with source.parsing(f"a sample of {name} lacks a number"):
         ns = np.array([int(entry["time"]) for entry in by_sensor[name]], dtype=np.int64)
         values = np.array([[float(entry[axis]) for axis in "xyz"] for entry in by_sensor[name]])
-    device = next(iter(by_sensor.get("Metadata", [])), {})
-    facts = {"sensor": name} | {key: device[key] for key in FACTS if key in device}
     return Samples(
-        ns, values, lambda message, i: source.error(f"sample {i} of {name}: {message}"), unit=sensor.unit, facts=facts
+        ns,
+        values,
+        lambda message, i: source.error(f"sample {i} of {name}: {message}"),
+        unit=sensor.unit,
+        facts={"sensor": name},
     )
 
 

@@ -10,7 +10,7 @@ import math
 import re
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from decimal import Decimal
 from functools import partial
@@ -27,7 +27,6 @@ from rsdeblur.io.columns import named_columns
 from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds, table_samples
 from rsdeblur.io.source import Format, Source, text_format, unpacked_limit
 from rsdeblur.io.text import NUMBER, TextFile, read_table
-from rsdeblur.motion import lens
 from rsdeblur.motion.axes import orientation
 from rsdeblur.types import FloatArray
 
@@ -48,10 +47,7 @@ NARROWEST, SENSORS = 12.0, (3.0, 60.0)
 
 
 def readout_of(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `readout_time_s` and `readout_direction` from Gyroflow's keys in `table`; empty if they are missing.
-
-    Older files express "bottom to top" by a negative time.
-    """
+    """Return `readout_time_s` and `readout_direction` from Gyroflow's keys; a negative time is bottom to top."""
     try:
         readout_time = float(table["frame_readout_time"]) / 1e3
     except (KeyError, TypeError, ValueError):
@@ -95,7 +91,7 @@ def _read_gcsv(text: TextFile, sensor: AnySensor) -> Samples:
     except InputError as error:
         raise text.error(str(error), row) from error
     values = {key: value for key, (value, _) in keys.items()}
-    named = ("version", "id", "vendor", "videofilename", "lensprofile", "lens_info", "timestamp")
+    named = ("version", "id", "vendor", "lensprofile")
     table = read_table(text, text.rows[columns.start :], columns.places)
     return table_samples(
         table,
@@ -167,15 +163,8 @@ def _read_project(source: Source) -> Samples:
 
 
 def _project_facts(project: dict[str, Any], metadata: Mapping[str, Any], letters: str) -> dict[str, Any]:
-    video = project.get("video_info") or {}
     facts: dict[str, Any] = {"orientation": letters, "version": project.get("version", "none")}
     facts |= readout_of(metadata) | readout_of(project.get("stabilization") or {})
-    if metadata.get("detected_source"):
-        facts["camera"] = metadata["detected_source"]
-    if video.get("width") and video.get("height"):
-        facts["video"] = f"{video['width']}x{video['height']}, {video.get('fps', '?')} Hz"
-    if video.get("rotation"):
-        facts["video_rotation_deg"] = video["rotation"]
     if project.get("offsets"):
         facts["offsets_ms"] = {f"{int(key) / 1e6:g} s": offset_ms(value) for key, value in project["offsets"].items()}
     return facts
@@ -290,16 +279,12 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
     timing = {"readout_time_s": 0.0} if profile.get("global_shutter") else readout_of(profile | setting)
     readout_time, assumed = timing.get("readout_time_s"), []
     if readout_time:
+        # In the public database they range from 0.01 to 100 ms.
         text = f"the readout time of {1e3 * readout_time:.3g} ms was submitted by a user; treat it as a first guess"
-        # Those of real sensors. In the public database they range from 0.01 to 100 ms.
-        if not 0.002 <= readout_time <= 0.050:
-            text = f"the readout time of {1e3 * readout_time:.3g} ms is implausible; users submit these, so measure it"
         assumed.append(Assumption("readout_time", text))
     focal_length = matrix[0, 0] / crop, matrix[1, 1] / crop
-    assumed += [Assumption("focal_length", text) for text in _doubts(profile, width, *focal_length)]
-    if model == "fisheye" and math.hypot(width / 2 / focal_length[0], height / 2 / focal_length[1]) > lens.reach(k):
-        text = "the calibration does not reach the picture's corners, where the lens model is extrapolated"
-        assumed.append(Assumption("distortion", text))
+    doubts = _doubts(profile, width, *focal_length)
+    assumed += [Assumption("focal_length", f"{text}; measure it: rsdeblur calibrate") for text in doubts]
     return finished(
         source,
         request,
@@ -319,24 +304,22 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
     )
 
 
-def _doubts(profile: Mapping[str, Any], width: int, fx: float, fy: float) -> list[str]:
-    """Return why the focal lengths of a profile, in px of a picture of this width, are hardly those of its lens."""
-    doubts, measure = [], "; measure it: rsdeblur calibrate"
+def _doubts(profile: Mapping[str, Any], width: int, fx: float, fy: float) -> Iterator[str]:
+    """Yield reasons why the focal lengths of a profile, in px of a picture of this width, are not those of its lens."""
     stretch = max(fx, fy) / min(fx, fy) if fx > 0 < fy else 1.0
     # Pixels of 4:3, and anamorphic lenses.
     if stretch > 1.05 and min(abs(stretch - known) for known in (4 / 3, 1.5, 1.8, 2.0)) > 0.03:
-        doubts.append(f"the focal lengths along x and y, {fx:.0f} and {fy:.0f} px, differ by more than 5%{measure}")
+        yield f"the focal lengths along x and y, {fx:.0f} and {fy:.0f} px, differ by more than 5%"
     # The name of a zoom lens contains its range.
     named = re.findall(r"(?<![\d.-])(\d+(?:\.\d+)?) ?mm", f"{profile.get('lens_model')}".lower())
     millimetres = float(profile.get("focal_length") or (named[0] if len(named) == 1 else 0))
     sensor, view = millimetres * width / fx, math.degrees(2 * math.atan(width / 2 / fx))
-    fits = SENSORS[0] < sensor < SENSORS[1]
-    if view < NARROWEST and not fits:
-        doubts.append(f"the focal length of {fx:.0f} px means a field of view of {view:.3g} degrees{measure}")
-    if millimetres and not fits:
-        lens = f"a focal length of {fx:.0f} px and a lens of {millimetres:g} mm"
-        doubts.append(f"{lens} mean a sensor of {sensor:.3g} mm{measure}")
-    return doubts
+    if SENSORS[0] < sensor < SENSORS[1]:
+        return
+    if view < NARROWEST:
+        yield f"the focal length of {fx:.0f} px means a field of view of {view:.3g} degrees"
+    if millimetres:
+        yield f"a focal length of {fx:.0f} px and a lens of {millimetres:g} mm mean a sensor of {sensor:.3g} mm"
 
 
 def _refuse_unmodelled(source: Source, profile: Mapping[str, Any]) -> None:
@@ -354,30 +337,20 @@ def _refuse_unmodelled(source: Source, profile: Mapping[str, Any]) -> None:
 
 
 def _setting(source: Source, profile: Mapping[str, Any], request: Request) -> dict[str, Any]:
-    """Return the profile's settings for the requested size and frame rate; empty if it has none."""
-    if request.size is None:
-        return {}
+    """Return the profile's settings for the requested size and frame rate, by default its own; empty if it has none."""
+    fps = request.fps or profile.get("fps")
     entries = [
         entry
         for entry in profile.get("compatible_settings") or []
         if (entry.get("width"), entry.get("height")) == request.size
     ]
+    near = [entry for entry in entries if fps is None or abs(float(entry.get("fps") or fps) - float(fps)) < 0.5]
     keys = ("crop", "frame_readout_time", "digital_lens")
-
-    def settings(fps: float | None) -> list[dict[str, Any]]:
-        fits = [entry for entry in entries if fps is None or abs(float(entry.get("fps") or fps) - fps) < 0.5]
-        return [{key: entry[key] for key in keys if entry.get(key) is not None} for entry in fits]
-
-    matches = settings(request.fps)
-    if any(setting != matches[0] for setting in matches):
-        # The frame rate of the profile itself is the likely one.
-        matches = settings(profile.get("fps"))
-    if not matches or any(setting != matches[0] for setting in matches):
-        if not entries:
-            return {}
+    found = [{key: entry[key] for key in keys if entry.get(key) is not None} for entry in near or entries]
+    if any(setting != found[0] for setting in found):
         rates = ", ".join(sorted({f"{entry.get('fps')}" for entry in entries}))
-        raise source.error(f"the settings of {request.size[0]}x{request.size[1]} differ; give the frame rate: {rates}")
-    return matches[0]
+        raise source.error(f"the settings of this size differ; give the frame rate: {rates}")
+    return found[0] if found else {}
 
 
 def _project(source: Source, project: dict[str, Any], request: Request) -> CameraFile:

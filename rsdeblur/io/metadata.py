@@ -1,6 +1,6 @@
 """Pictures with their metadata, which are found in files of each format, and renewed for a result; photos' EXIF blocks.
 
-Sizes and orientation are renewed where they are in an EXIF block, so that offsets in makers' notes stay true.
+The orientation is changed where it is in an EXIF block, so that offsets in makers' notes stay true.
 """
 
 from __future__ import annotations
@@ -12,14 +12,13 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
-from fractions import Fraction
 from typing import Any, Literal, NamedTuple
 
 from numpy.typing import NDArray
 from PIL import Image
 from PIL.ExifTags import IFD, Base
 
-from rsdeblur._util.binary import DAMAGE, LONG, ORIENTATION, PREFIX, SHORT, Directory, Tags, block_of, tags_of
+from rsdeblur._util.binary import DAMAGE, ORIENTATION, PREFIX, SHORT, Directory, Tags, block_of, tags_of
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import ClockError, InputError, RsdeblurWarning
 from rsdeblur.image.transfer import linear_profile
@@ -37,18 +36,12 @@ LOSSES = {
     "the video of the motion photo": (b"MotionPhoto", b"MicroVideo"),
     "the extended part of the XMP packet (depth map or original picture)": (b"http://ns.adobe.com/xmp/extension/\0",),
 }
-# Texts in XMP packets that describe other things that a result does not have: places of depth maps, sounds and extended
-# packets, a thumbnail of the blurred photo, the address of a C2PA manifest.
-OTHER_TEXTS = (
-    *(b"/photos/1.0/container/", b"/photos/1.0/depthmap/", b"/photos/1.0/image/", b"/photos/1.0/audio/"),
-    *(b"/photos/dd/1.0/device/", b"HasExtendedXMP", b"xmp:Thumbnails", b"dcterms:provenance"),
-)
+# Texts in XMP packets that describe other things that a result does not have: depth maps, sounds, thumbnails.
+OTHER_TEXTS = (b"/photos/1.0/", b"/photos/dd/1.0/device/", b"HasExtendedXMP", b"xmp:Thumbnails", b"dcterms:provenance")
 DESCRIBES = "the XMP packet, which describes parts of the original that the result does not have"
 # Blocks of metadata: the name for messages, and the length of the longest in a JPEG.
 BLOCKS = {"exif": ("the EXIF block", 65_533), "xmp": ("the XMP packet", 65_502), "iptc": ("the IPTC record", 65_500)}
 
-# Most bytes of samples in a classic TIFF: its offsets have 32 bits, and its tags need room too.
-CLASSIC_BYTES = 2**32 - 2**24
 MAKE, MODEL, ZOOM = Base.Make, Base.Model, Base.DigitalZoomRatio
 # Time in EXIF minus the start of the exposure, s: cameras write the command, the end or the storing of the picture.
 # Some write whole seconds only, and the rest is missing.
@@ -77,8 +70,6 @@ class Picture:
         The IPTC record.
     losses : tuple of str, optional
         Parts of the file that a copy cannot keep, in words, such as gain maps and C2PA manifests.
-    modified_ns : int, optional
-        Time of the file's last change, in ns since 1970.
     """
 
     pixels: NDArray[Any]
@@ -88,7 +79,6 @@ class Picture:
     xmp: bytes | None = None
     iptc: bytes | None = None
     losses: tuple[str, ...] = ()
-    modified_ns: int | None = None
 
     @property
     def transfer(self) -> Literal["srgb", "linear"]:
@@ -105,9 +95,8 @@ def of_info(info: Mapping[Any, Any], data: bytes, pixels: NDArray[Any], exif: by
     xmp = xmp.encode() if isinstance(xmp, str) else xmp
     if exif and not exif.startswith(PREFIX):
         exif = PREFIX + exif
-    iptc = info.get("photoshop", {}).get(0x0404)
-    profile, losses = info.get("icc_profile"), losses_of(data, xmp)
-    return Picture(pixels, exif or None, profile, None, xmp or None, iptc or None, losses)
+    profile, iptc = info.get("icc_profile"), info.get("photoshop", {}).get(0x0404)
+    return Picture(pixels, exif or None, profile, None, xmp or None, iptc or None, losses_of(data, xmp))
 
 
 def losses_of(data: bytes, xmp: bytes | None) -> tuple[str, ...]:
@@ -117,11 +106,9 @@ def losses_of(data: bytes, xmp: bytes | None) -> tuple[str, ...]:
 
 def renewed(old: Picture, pixels: NDArray[Any], kind: str) -> Picture:
     """Return a result with the metadata of its original."""
-    height, width = pixels.shape[:2]
     losses = list(old.losses)
-    new = replace(old, pixels=pixels, icc_profile=fitting_profile(old.icc_profile, pixels, grey=kind != "WebP"))
-    if old.exif:
-        new = replace(new, exif=renewed_exif(old.exif, width, height))
+    icc = fitting_profile(old.icc_profile, pixels, grey=kind != "WebP")
+    new = replace(old, pixels=pixels, icc_profile=icc, exif=old.exif and without_thumbnail(old.exif))
     if old.xmp and (losses_of(b"", old.xmp) or any(text in old.xmp for text in OTHER_TEXTS)):
         new, losses = replace(new, xmp=None), [*losses, DESCRIBES]
     for name, reason in _refused(new, kind).items():
@@ -143,14 +130,12 @@ def _refused(picture: Picture, kind: str) -> dict[str, str]:
     blocks = {name: block for name in BLOCKS if (block := getattr(picture, name))}
     if kind == "NumPy":
         return dict.fromkeys(blocks, "which NumPy files do not have")
-    if kind in ("PNG", "WebP"):
-        return {"iptc": f"which {kind} files do not have"} if "iptc" in blocks else {}
+    if kind in ("PNG", "WebP") and "iptc" in blocks:
+        return {"iptc": f"which {kind} files do not have"}
     if kind == "JPEG":
         reason = "whose {} bytes are too many for JPEG"
         return {name: reason.format(len(block)) for name, block in blocks.items() if len(block) > BLOCKS[name][1]}
     if kind == "TIFF" and "exif" in blocks:
-        if picture.pixels.nbytes > CLASSIC_BYTES:
-            return {"exif": "which a TIFF of more than 4 GB cannot hold"}
         try:
             tags_of(blocks["exif"])
         except DAMAGE as error:
@@ -207,12 +192,6 @@ class Exif:
         millimetres = units.get(int(self.number(Base.FocalPlaneResolutionUnit) or 2))
         if focal_length and resolution and millimetres:
             across = self.number(Base.ExifImageWidth) or max(width, height)
-            sensor = across * millimetres / resolution
-            # From the smallest phone cameras to medium format.
-            if not 2 < sensor < 60:
-                raise InputError(
-                    f"the picture was resized since it was taken: its EXIF block implies a sensor {sensor:.3g} mm wide"
-                )
             # The resolution refers to the picture as the camera took it.
             scale = max(width, height) / across
             return (
@@ -239,10 +218,7 @@ class CaptureTime(NamedTuple):
 
 
 def capture_time(exif: Exif, name: str = "") -> CaptureTime:
-    """Return the time at which a photo was taken: DateTimeOriginal, its fraction and its offset.
-
-    Without them, 13 digits are Unix time in ms, as Sensor Logger names its photos.
-    """
+    """Return the time of a photo: DateTimeOriginal, or its name if that is Unix time in ms, as of Sensor Logger."""
     if Base.DateTimeOriginal not in exif.camera and len(name) == 13 and name.isascii() and name.isdigit():
         return CaptureTime(int(name) * 1_000_000, True)
     try:
@@ -301,45 +277,28 @@ def with_orientation(exif: bytes | None, orientation: int) -> bytes:
     data, tags = bytearray((exif or b"").removeprefix(PREFIX)), Tags()
     with suppress(*DAMAGE):
         main = Directory(data)
-        if ORIENTATION in main.places:
-            main.set(ORIENTATION, SHORT, orientation)
+        if (place := main.places.get(ORIENTATION)) is not None:
+            struct.pack_into(f"{main.order}HHIHxx", data, place, ORIENTATION, SHORT, 1, orientation)
             return PREFIX + bytes(data)
         tags = main.tags()
     return block_of(tags | {ORIENTATION: (SHORT, 1, struct.pack("<H", orientation))})
 
 
-def renewed_exif(exif: bytes, width: int, height: int) -> bytes:
-    """Return an EXIF block for a picture of this size in px, without the thumbnail."""
+def without_thumbnail(exif: bytes) -> bytes:
+    """Return an EXIF block without the second directory and its thumbnail, which shows the blurred photo."""
     prefix, data = exif[: len(exif) - len(exif.removeprefix(PREFIX))], bytearray(exif.removeprefix(PREFIX))
     try:
         main = Directory(data)
-        main.set(Base.ImageWidth, LONG, width)
-        main.set(Base.ImageLength, LONG, height)
-        if table := main.number(IFD.Exif):
-            camera = Directory(data, table)
-            for tag, plane, side in (
-                (Base.ExifImageWidth, Base.FocalPlaneXResolution, width),
-                (Base.ExifImageHeight, Base.FocalPlaneYResolution, height),
-            ):
-                if (before := camera.number(tag)) not in (0, side):
-                    camera.scale(plane, Fraction(side, before))
-                camera.set(tag, LONG, side)
-        _remove_thumbnail(main)
+        start = main.unpack("I", main.end) if len(data) >= main.end + 4 else 0
+        if not 0 < start < len(data) - 2:
+            return exif
+        second = Directory(data, start)
+        place = second.number(Base.JpegIFOffset)
+        if (length := min(second.number(Base.JpegIFByteCount), len(data) - place)) > 0:
+            if place <= main.end:
+                raise ValueError("the thumbnail claims the bytes of the first directory")
+            data[place : place + length] = bytes(length)
+        data[main.end : main.end + 4] = bytes(4)
     except DAMAGE:
         return exif
     return prefix + bytes(data)
-
-
-def _remove_thumbnail(main: Directory) -> None:
-    """Remove the second directory with its thumbnail, which shows the blurred photo."""
-    data = main.data
-    start = main.unpack("I", main.end) if len(data) >= main.end + 4 else 0
-    if not 0 < start < len(data) - 2:
-        return
-    second = Directory(data, start)
-    place = second.number(Base.JpegIFOffset)
-    if (length := min(second.number(Base.JpegIFByteCount), len(data) - place)) > 0:
-        if place <= main.end:
-            raise ValueError("the thumbnail claims the bytes of the first directory")
-        data[place : place + length] = bytes(length)
-    data[main.end : main.end + 4] = bytes(4)

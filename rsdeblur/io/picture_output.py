@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import os
 import struct
-import time
-import warnings
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import imagecodecs
 import numpy as np
@@ -19,13 +15,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rsdeblur._util import validate
-from rsdeblur._util.binary import PREFIX
-from rsdeblur._util.files import atomic_write, check_target, checked_path, reserve
-from rsdeblur.errors import InputError, OutputError, RsdeblurWarning
+from rsdeblur._util.binary import DAMAGE, PREFIX
+from rsdeblur._util.files import atomic_write, check_target, checked_path
+from rsdeblur.errors import InputError, OutputError
 from rsdeblur.image.transfer import quantised
 from rsdeblur.io import _tiff
 from rsdeblur.io.metadata import Picture, renewed
-from rsdeblur.io.pictures import DAMAGE
 
 KINDS = {
     **{".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".webp": "WebP"},
@@ -55,9 +50,8 @@ def write_picture(
         Values in [0, 1]; integers represent them by their full range. Values outside are clipped, except in float32
         files, and refused if most are far beyond 1, as of a picture from 0 to 255. C is 2 (grey and alpha), 3 or 4.
     like : Picture, optional
-        Source of the bit depth (or the next lower one that the format has), of EXIF, XMP and IPTC, of the file's time,
-        and of the colour profile if it fits the number of channels. In the EXIF block, sizes are renewed, and the
-        thumbnail is removed.
+        Source of the bit depth (or the next lower one that the format has), of EXIF, XMP and IPTC, and of the colour
+        profile if it fits the number of channels. The thumbnail is removed from the EXIF block.
     force : bool, default False
         Replace an existing file.
     bits : {8, 16, 32}, optional
@@ -69,15 +63,14 @@ def write_picture(
     InputError
         If `image` has a wrong shape or type, contains NaN or infinity, or would become white.
     OutputError
-        If the extension is unknown, the format does not support `bits`, or the size of the picture, the file exists and
+        If the extension is unknown, the format does not support `bits` or the size of the picture, the file exists and
         `force` is not set, or the file cannot be written.
 
     Warns
     -----
     RsdeblurWarning
         If `like` has parts that the file does not keep: gain maps, motion photos, C2PA manifests, the XMP packets that
-        describe them, blocks too long for JPEG, and those that PNG, WebP, TIFF or NumPy files cannot hold. Or if the
-        disk refuses the file's time.
+        describe them, blocks too long for JPEG, and those that PNG, WebP, TIFF or NumPy files cannot hold.
 
     Examples
     --------
@@ -96,7 +89,11 @@ def write_picture(
     source = like.pixels if like is not None else image if image.dtype.kind == "u" else None
     depth = _depth(path, kind, source, bits)
     # Solvers overshoot white a little; values of another scale exceed it by far.
-    _check_range(path, image, depth, 2.0)
+    if depth < 32 and validate.mostly_beyond_white(image, 2.0):
+        raise InputError(
+            f"{path}: the picture has values of up to {image.max():g}, most of them beyond 1, which is white and the "
+            f"most that {depth} bits can hold: divide the picture by its full scale, or write floats (TIFF or .npy)"
+        )
     pixels = quantised(image, depth)
     if pixels.ndim == 3 and kind == "JPEG" and pixels.shape[2] in (2, 4):
         pixels = pixels[..., 0] if pixels.shape[2] == 2 else pixels[..., :3]
@@ -109,44 +106,6 @@ def write_picture(
         raise OutputError(f"{path}: cannot write {width}x{height} pixels as {kind}: {error}") from error
     with atomic_write(path) as file:
         file.write(data)
-        _set_time(file, like)
-
-
-@contextmanager
-def picture_to_fill(
-    path: str | os.PathLike[str], shape: tuple[int, ...], *, like: Picture, force: bool = False, in_place: bool = False
-) -> Iterator[NDArray[Any]]:
-    """Yield an array for the pixels of a picture, which is written when the block ends without an error."""
-    path = checked_path(path)
-    check_writable(path, force=force)
-    kind = KINDS[path.suffix.lower()]
-    _check_range(path, like.pixels, _depth(path, kind, like.pixels, None))
-    if not in_place or kind not in ("TIFF", "NumPy"):
-        pixels = np.empty(shape, like.pixels.dtype)
-        yield pixels
-        write_picture(path, pixels, like=like, force=force)
-        return
-    with atomic_write(path) as file:
-        picture = renewed(like, np.broadcast_to(like.pixels.dtype.type(0), shape), kind)
-        dtype = picture.pixels.dtype
-        if kind == "NumPy":
-            samples = np.lib.format.open_memmap(file.name, "w+", dtype, shape)
-        else:
-            samples = np.memmap(file, dtype, "r+", _tiff.write_empty(file, picture), shape)
-        reserve(file)
-        yield samples
-        samples.flush()
-        _set_time(file, like)
-
-
-def _set_time(file: BinaryIO, like: Picture | None) -> None:
-    """Give a file that is complete the time of the original's last change."""
-    if like is not None and like.modified_ns is not None:
-        file.flush()
-        try:
-            os.utime(file.name, ns=(time.time_ns(), like.modified_ns))
-        except OSError as error:
-            warnings.warn(f"the file does not keep the original's time: {error}", RsdeblurWarning, stacklevel=3)
 
 
 def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:
@@ -173,14 +132,6 @@ def _check_image(image: NDArray[Any]) -> None:
         raise InputError(f"image must have shape (H, W) or (H, W, C) with C = 2, 3 or 4, got {image.shape}")
     if image.dtype.kind == "f" and not np.isfinite(image).all():
         raise InputError(f"image must be finite, got {np.count_nonzero(~np.isfinite(image))} NaN or infinite values")
-
-
-def _check_range(path: Path, image: NDArray[Any], bits: int, white: float = 1.0) -> None:
-    if bits < 32 and validate.mostly_beyond_white(image, white):
-        raise InputError(
-            f"{path}: the picture has values of up to {image.max():g}, most of them beyond 1, which is white and the "
-            f"most that {bits} bits can hold: divide the picture by its full scale, or write floats (TIFF or .npy)"
-        )
 
 
 def _depth(path: Path, kind: str, source: NDArray[Any] | None, bits: int | None) -> int:

@@ -9,17 +9,13 @@ from __future__ import annotations
 
 import os
 import re
-import struct
-import threading
 import warnings
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from tokenize import TokenError
-from typing import Any, BinaryIO
+from typing import Any
 
 import imagecodecs
 import numpy as np
@@ -28,13 +24,13 @@ from PIL import Image, UnidentifiedImageError
 from scipy import ndimage
 
 from rsdeblur._util import validate
+from rsdeblur._util.binary import DAMAGE
 from rsdeblur._util.files import checked_path, open_file, read_file
-from rsdeblur._util.threads import held_at_forks
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io import _sensor, _tiff
 from rsdeblur.io.metadata import Picture as Picture
 from rsdeblur.io.metadata import fitting_profile, of_info
-from rsdeblur.io.source import Refused, Source, check_trusted, mistaken
+from rsdeblur.io.source import Refused, Source, mistaken
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
 
@@ -51,18 +47,8 @@ JPEG_START, END, SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
 # Inside coded samples, 0xFF is followed by 0 or by a restart marker (D0 to D7); these are not matched.
 MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
-# Errors that decoders are known to raise on damaged files.
-DAMAGE = (
-    *(OSError, EOFError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, struct.error, zlib.error),
-    *(SyntaxError, AssertionError),  # Pillow
-    RuntimeError,  # imagecodecs
-    TokenError,  # NumPy, from the header of its files
-)
 
-_limit_lock = held_at_forks(threading.RLock())
-
-
-def read_picture(path: str | os.PathLike[str], *, in_place: bool = False) -> Picture:
+def read_picture(path: str | os.PathLike[str]) -> Picture:
     """Read a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw file; the content decides the format.
 
     Palettes become RGB, bilevel pictures 8-bit grey, and CMYK and other colour spaces RGB (without their profile). Of
@@ -74,9 +60,6 @@ def read_picture(path: str | os.PathLike[str], *, in_place: bool = False) -> Pic
     ----------
     path : path-like
         The picture.
-    in_place : bool, default False
-        Map the pixels of a NumPy file or an uncompressed TIFF into memory instead of reading them. The file must not
-        change while they are in use.
 
     Returns
     -------
@@ -100,54 +83,28 @@ def read_picture(path: str | os.PathLike[str], *, in_place: bool = False) -> Pic
     (dtype('uint8'), 'srgb')
     """
     path = checked_path(path)
-    if validate.boolean("in_place", in_place):
-        with open_file(path, "picture") as file, _decoding(path):
-            if picture := _mapped(file):
-                return _of_file(path, picture)
     data = read_file(path, "picture")
     if not data:
         raise FileFormatError(f"{path}: not a picture: the file is empty")
     with _decoding(path):
-        picture = _of_file(path, _decode(data, path.suffix))
+        picture = _decode(data, path.suffix)
+        icc = fitting_profile(picture.icc_profile, picture.pixels)
+        picture = replace(picture, icc_profile=icc)
     if not picture.pixels.size:
         raise FileFormatError(f"{path}: the picture has no pixels")
     picture.pixels.setflags(write=False)
     return picture
 
 
-def _of_file(path: Path, picture: Picture) -> Picture:
-    """Return a decoded picture without a profile that does not fit, and with the time of its file."""
-    icc = fitting_profile(picture.icc_profile, picture.pixels)
-    return replace(picture, icc_profile=icc, modified_ns=path.stat().st_mtime_ns)
-
-
-def _mapped(file: BinaryIO) -> Picture | None:
-    """Return a picture whose samples are a read-only map of its file; None if they must be decoded."""
-    head, size = file.read(len(NPY_MAGIC)), os.fstat(file.fileno()).st_size
-    file.seek(0)
-    if head == NPY_MAGIC:
-        return Picture(np.memmap(file, mode="r", **_npy_place(file, size)))
-    return _tiff.mapped(file, size) if head.startswith(_tiff.MAGIC) else None
-
-
-def _npy_place(file: BinaryIO, size: int) -> dict[str, Any]:
-    """Return offset, dtype and shape of the samples in a NumPy file of `size` bytes."""
-    version = np.lib.format.read_magic(file)
-    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, fortran, dtype = read_header(file)
-    is_picture = len(shape) in (2, 3) and all(shape) and (len(shape) == 2 or shape[2] in (2, 3, 4))
-    if not is_picture or fortran or dtype not in (np.uint8, np.uint16, np.float32):
-        order = " in Fortran order" if fortran else ""
+def _of_npy(data: bytes) -> NDArray[Any]:
+    pixels = np.load(BytesIO(data), allow_pickle=False)
+    is_picture = pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] in (2, 3, 4))
+    if not is_picture or not pixels.size or pixels.dtype not in (np.uint8, np.uint16, np.float32):
         raise Refused(
-            f"the array has shape {shape} and type {dtype}{order}; a picture is not empty, and has shape (H, W) "
-            "or (H, W, C) with C = 2, 3 or 4 and type uint8, uint16 or float32, in C order"
+            f"the array has shape {pixels.shape} and type {pixels.dtype}; a picture is not empty, and has shape (H, W) "
+            "or (H, W, C) with C = 2, 3 or 4 and type uint8, uint16 or float32"
         )
-    if shape[0] * shape[1] > MAX_PIXELS:
-        raise Refused(f"the picture claims {shape[1]}x{shape[0]} pixels; the limit is {MAX_PIXELS}")
-    offset = file.tell()
-    if offset + int(np.prod(shape)) * dtype.itemsize > size:
-        raise EOFError("the file ends within the samples")
-    return {"offset": offset, "dtype": dtype, "shape": shape}
+    return np.ascontiguousarray(pixels)
 
 
 @contextmanager
@@ -156,11 +113,9 @@ def _decoding(path: Path) -> Iterator[None]:
     try:
         yield
     except UnidentifiedImageError:
-        source = Source(path, "picture")
-        if is_picture(source):
-            raise FileFormatError(f"{path}: the picture is truncated or damaged: its header cannot be read") from None
-        raise mistaken(source) or FileFormatError(
-            f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture; convert other pictures first"
+        raise mistaken(Source(path, "picture")) or FileFormatError(
+            f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture, or its header is damaged; convert other "
+            "pictures first"
         ) from None
     except (Image.DecompressionBombError, Refused) as error:
         raise FileFormatError(f"{path}: {error}") from error
@@ -185,11 +140,7 @@ def is_picture(source: Source) -> bool:
 def read_header(path: str | os.PathLike[str]) -> tuple[int, int, bytes | None]:
     """Return width, height and EXIF block of a picture, if possible without decoding it."""
     try:
-        with (
-            open_file(path, "picture") as file,
-            _size_limit(),
-            Image.open(file, formats=("JPEG", "PNG", "WEBP")) as image,
-        ):
+        with open_file(path, "picture") as file, Image.open(file, formats=("JPEG", "PNG", "WEBP")) as image:
             return *image.size, image.info.get("exif")
     except FileFormatError:
         raise
@@ -197,20 +148,6 @@ def read_header(path: str | os.PathLike[str]) -> tuple[int, int, bytes | None]:
         picture = read_picture(path)
         height, width = picture.pixels.shape[:2]
         return width, height, picture.exif
-
-
-@contextmanager
-def _size_limit(pixels: int = MAX_PIXELS) -> Iterator[None]:
-    """Move Pillow's guard against decompression bombs from 179 megapixels to `pixels`."""
-    with _limit_lock, warnings.catch_warnings():
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-        saved = Image.MAX_IMAGE_PIXELS
-        # Pillow refuses pictures of more than twice this.
-        Image.MAX_IMAGE_PIXELS = pixels // 2
-        try:
-            yield
-        finally:
-            Image.MAX_IMAGE_PIXELS = saved
 
 
 def _decode(data: bytes, suffix: str) -> Picture:
@@ -222,16 +159,18 @@ def _decode(data: bytes, suffix: str) -> Picture:
     if data.startswith(_tiff.MAGIC):
         return _tiff.decode(data, limit)
     if data.startswith(NPY_MAGIC):
-        return Picture(np.ndarray(buffer=data, **_npy_place(BytesIO(data), len(data))).copy())
+        return Picture(_of_npy(data))
     if data.startswith(JPEG_START):
         check_scans(data)
-    with _size_limit(limit):
+    # Pillow warns of more than 179 megapixels, and refuses more than 358.
+    with warnings.catch_warnings(action="ignore", category=Image.DecompressionBombWarning):
         image = Image.open(BytesIO(data), formats=("JPEG", "PNG", "WEBP"))
+    if image.width * image.height > limit:
+        raise Refused(f"the picture claims {image.width}x{image.height} pixels; the limit is {limit}")
     with image:
         image.load()
         # Pillow reduces 16-bit colour to 8 bit. IHDR, with the bit depth at byte 24, is always the first chunk.
         if image.format == "PNG" and data[24] == 16:
-            check_trusted("16-bit PNG", "imagecodecs")
             pixels = imagecodecs.png_decode(data)
         else:
             pixels = np.array(_with_plain_mode(image))

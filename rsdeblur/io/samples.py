@@ -36,10 +36,7 @@ ErrorAt = Callable[[str, int], FileFormatError]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensor(Generic[Log]):
-    """What a log is of: its name and that of its values, their columns, their units (in rad/s or m/s^2), their type.
-
-    The first unit is that of files that name none.
-    """
+    """What a log is of: name, name of its values, columns, units (the first is that of files without one), and type."""
 
     what: str
     values: str
@@ -70,27 +67,17 @@ AnySensor = Sensor[GyroLog] | Sensor[AccelerationLog]
 class Samples:
     """Samples as they are in a file."""
 
-    ns: NDArray[np.int64] | None
-    """Timestamps in ns, shape (n,); None if the file contains none."""
-    values: FloatArray
-    """Rates or accelerations in `unit`, shape (n, 3)."""
-    error_at: ErrorAt
-    """Returns the error for a message about sample i."""
-    unit: str | None = "rad/s"
-    """Unit of the values; None if the samples must show it."""
-    axes: Axes = "phone"
-    """The frame of the values after `turn`, the rotation from the file's axes."""
+    ns: NDArray[np.int64] | None  # timestamps in ns, shape (n,); None if the file contains none
+    values: FloatArray  # rates or accelerations in `unit`, shape (n, 3)
+    error_at: ErrorAt  # returns the error for a message about sample i
+    unit: str | None = "rad/s"  # unit of the values; None if the samples must show it
+    axes: Axes = "phone"  # the frame of the values after `turn`, the rotation from the file's axes
     turn: FloatArray | None = None
-    time_unit: str = "ns"
-    """Unit of the timestamps in the file, for reports."""
-    facts: Mapping[str, Any] = field(default_factory=dict)
-    """Other content of the file, for reports."""
-    cautions: Sequence[str] = ()
-    """Reasons to distrust the log; each becomes a warning."""
-    forces: FloatArray | None = None
-    """Accelerations beside the rates, in their axes and in any unit, shape (n, 3)."""
-    option: Callable[[str], str] | None = None
-    """Returns the option that sets the unit of time of a table."""
+    time_unit: str = "ns"  # unit of the timestamps in the file, for reports
+    facts: Mapping[str, Any] = field(default_factory=dict)  # other content of the file, for reports
+    cautions: Sequence[str] = ()  # reasons to distrust the log; each becomes a warning
+    forces: FloatArray | None = None  # accelerations beside the rates, in their axes and in any unit, shape (n, 3)
+    option: str = ""  # option that chooses the columns of a table, with `{}` for the unit of time
 
 
 @one_line()
@@ -98,17 +85,12 @@ class Samples:
 class GyroFile:
     """A gyro log with the other content of its file."""
 
-    log: GyroLog
-    """The samples, in rad/s."""
-    format: str
-    """Name of the file's format."""
-    axes: Axes
-    """The frame of the rates: a phone's, Gyroflow's, or one that the file does not name."""
+    log: GyroLog  # the samples, in rad/s
+    format: str  # name of the file's format
+    axes: Axes  # the frame of the rates: a phone's, Gyroflow's, or one that the file does not name
     time_unit: str
-    rate_unit: str
-    """Units in the file."""
-    facts: Mapping[str, Any]
-    """Other content of the file: readout time, device, clock offsets."""
+    rate_unit: str  # units in the file
+    facts: Mapping[str, Any]  # other content of the file: readout time, device, clock offsets
 
 
 def table_samples(table: Table, ns: NDArray[np.int64] | None, *, scale: float = 1.0, **fields: Any) -> Samples:
@@ -142,7 +124,15 @@ def finish(
     cautions: list[str] = list(samples.cautions)
     sizes: FloatArray = sensor.units[likely] * np.sqrt(np.einsum("ij,ij->i", samples.values, samples.values))
     if not is_gyro:
-        _check_gravity(float(np.median(sizes)), sensor.units, likely, error)
+        gravity = float(np.median(sizes))
+        units = {name: gravity / sensor.units[likely] * factor / GRAVITY for name, factor in sensor.units.items()}
+        fits = [name for name, share in units.items() if 0.5 < share < 1.5]
+        if likely not in fits:
+            raise error(
+                f"an accelerometer shows gravity, 9.8 m/s^2, but the median of these samples is {gravity:.3g} m/s^2 "
+                f"(read as {likely}); "
+                + (f"they look like {fits[0]}: give the unit" if fits else "is gravity already removed from them?")
+            )
     elif np.mean(np.abs(sizes - GRAVITY) < 0.5) > 0.9:
         raise error(
             "these look like the samples of an accelerometer at rest (9.8 m/s^2), not of a gyro; "
@@ -173,16 +163,18 @@ def finish(
 
 def _rate_cautions(samples: Samples, rate: float, error: Error) -> list[str]:
     """Return a caution about a slow gyro; raise `FileFormatError` for one that is faster than any, in Hz."""
-    if rate <= FASTEST:
-        slow = f"the gyro was sampled at {rate:.3g} Hz; shake needs {SHAKE_RATE:g} Hz, so much of the motion is missing"
-        return [slow] if rate < SHAKE_RATE else []
-    ns = TIME_UNITS.get(samples.time_unit)
-    fits = (unit for unit, each in reversed(TIME_UNITS.items()) if ns and rate * float(ns / each) <= FASTEST)
-    option = samples.option(next(fits, "s")) if samples.option is not None else "check the unit of time"
-    raise error(
-        f"the timestamps in {samples.time_unit} mean a sampling rate of {rate:.3g} Hz, but no gyro is faster than "
-        f"10 kHz; give the unit of time: {option}"
-    )
+    if rate > FASTEST:
+        advice = "check the unit of time"
+        if samples.option:
+            steps = rate * float(TIME_UNITS[samples.time_unit])  # ns between samples if a timestamp of 1 were 1 s
+            unit = next((unit for unit in ("us", "ms") if steps <= FASTEST * float(TIME_UNITS[unit])), "s")
+            advice = f"give the unit of time: {samples.option.format(unit)}"
+        raise error(
+            f"the timestamps in {samples.time_unit} mean a sampling rate of {rate:.3g} Hz, but no gyro is faster than "
+            f"10 kHz; {advice}"
+        )
+    slow = f"the gyro was sampled at {rate:.3g} Hz; shake needs {SHAKE_RATE:g} Hz, so much of the motion is missing"
+    return [slow] if rate < SHAKE_RATE else []
 
 
 def _unit_of_rates(samples: Samples, ns: NDArray[np.int64], cautions: list[str], error: Error) -> str:
@@ -201,19 +193,6 @@ def _unit_of_rates(samples: Samples, ns: NDArray[np.int64], cautions: list[str],
             "like degrees; give the unit: unit (--unit deg/s or --unit rad/s)"
         )
     return "rad/s"
-
-
-def _check_gravity(size: float, units: Mapping[str, float], unit: str, error: Error) -> None:
-    """Raise `FileFormatError` if the median of an accelerometer, in m/s^2 by `unit`, is not gravity."""
-    if 0.5 < size / GRAVITY < 1.5:
-        return
-    fits = (name for name, factor in units.items() if 0.5 < size / units[unit] * factor / GRAVITY < 1.5)
-    likely = next(fits, None)
-    raise error(
-        f"an accelerometer shows gravity, 9.8 m/s^2, but the median of these samples is {size:.3g} m/s^2 "
-        f"(read as {unit}); "
-        + (f"they look like {likely}: give the unit" if likely else "is gravity already removed from them?")
-    )
 
 
 def _check_values(samples: Samples, what: str, unit: str, error: Error) -> None:
@@ -293,18 +272,15 @@ def _late(ns: NDArray[np.int64], error_at: ErrorAt) -> int:
             "from a clock that was set back",
             i,
         )
-    in_time = ns[ns == latest]
-    after = np.searchsorted(in_time, ns[late])
-    # Repeated samples fill no hole, whether they come late or not.
-    own = (after > 0) & (in_time[after] != ns[late])
-    holes, filling = np.unique(after[own], return_counts=True)
-    widths = (in_time[holes] - in_time[holes - 1]).astype(np.float64)
-    (narrow,) = np.nonzero(widths < (filling + 0.5) * interval)
+    ordered = np.unique(ns)
+    # Ordered int64 differ by at most 2**64 - 1: unsigned, the difference cannot overflow.
+    steps = np.diff(ordered.view(np.uint64)).astype(np.float64)
+    place = np.searchsorted(ordered, ns[late])
+    (narrow,) = np.nonzero(np.minimum(steps[np.maximum(place - 1, 0)], steps[place]) < 0.7 * interval)
     if narrow.size:
-        i = int(late[own][after[own] == holes[narrow[0]]][0])
         raise error_at(
-            f"timestamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns, and no sample is missing at that time; "
-            "the clock was set back, or the file contains several recordings; cut the log there",
-            i,
+            f"timestamp out of order: {ns[late[narrow[0]]]} ns comes late, but no sample is missing at that time; the "
+            "clock was set back, or the file contains several recordings; cut the log there",
+            int(late[narrow[0]]),
         )
     return int(late.size)

@@ -13,12 +13,13 @@ from time import mktime
 
 import numpy as np
 
+from rsdeblur._util.binary import DAMAGE
 from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import open_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.picture_output import KINDS
-from rsdeblur.io.source import DAMAGE, unpacked_limit
+from rsdeblur.io.source import unpacked_limit
 
 PHOTOS = (*KINDS, ".heic", ".dng")
 UNNUMBERED = "its name contains neither a timestamp nor a frame number"
@@ -36,8 +37,7 @@ class SessionPhoto:
 def unpacked(archive: Path, folder: Path) -> Path:
     """Return the folder below `folder` into which the files of a session's zip archive were unpacked.
 
-    Files that are there already, with the size and the date of the archive's, stay as they are. `FileFormatError` if
-    the archive cannot be read or unpacked, or claims to contain far more than its size.
+    Files that are there already, with the size and the date of the archive's, stay as they are.
     """
     target = folder / archive.stem
     try:
@@ -56,10 +56,8 @@ def unpacked(archive: Path, folder: Path) -> Path:
                     os.utime(opened.extract(each, target), (date, date))
     except FileFormatError:
         raise
-    except OSError as error:
-        raise FileFormatError(f"{archive}: cannot be unpacked into {target}: {error}") from error
     except DAMAGE as error:
-        raise FileFormatError(f"{archive}: the archive is damaged or encrypted: {error}") from error
+        raise FileFormatError(f"{archive}: cannot be unpacked into {target}: {error}") from error
     tops = {Path(each.filename).parts[0] for each in entries}
     # Some archives contain a folder with all files.
     (top,) = tops if len(tops) == 1 else (".",)
@@ -67,10 +65,7 @@ def unpacked(archive: Path, folder: Path) -> Path:
 
 
 def files_in(folder: Path, *, without: Path | None = None) -> list[Path]:
-    """Return the files of a folder and of its subfolders, sorted.
-
-    Files of the subfolder `without` and those of subfolders with results of a batch are left out.
-    """
+    """Return the files of a folder and its subfolders, sorted, but not of `without` and of folders with results."""
     results = {path.parent for path in folder.glob(f"*/{BATCH}")} | {without} - {folder}
     files = sorted([*folder.glob("*"), *folder.glob("*/*")])
     return [path for path in files if path.is_file() and path.parent not in results]

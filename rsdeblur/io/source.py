@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import struct
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, TypeVar
 
 from rsdeblur._util import validate
+from rsdeblur._util.binary import DAMAGE
 from rsdeblur._util.files import checked_path, read_file
 from rsdeblur._util.threads import once
 from rsdeblur.errors import FileFormatError, InputError
@@ -22,28 +21,10 @@ from rsdeblur.io.text import TextFile
 
 # Bytes that are enough to recognise any format by its start.
 HEAD = 4096
-# What `zipfile` raises on damaged or encrypted archives.
-DAMAGE = (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError, OSError, ValueError, LookupError, struct.error)
-# Switches off decoders of strangers' files that no public fuzzing covers.
-BLOCK_UNTRUSTED = "RSDEBLUR_BLOCK_UNTRUSTED"
 
 
 class Refused(ValueError):
     """Why a file is not decoded; users see the message unchanged."""
-
-
-def is_untrusted_blocked() -> bool:
-    """Whether decoders that no public fuzzing covers are switched off."""
-    return os.environ.get(BLOCK_UNTRUSTED, "") not in ("", "0")
-
-
-def check_trusted(content: str, library: str) -> None:
-    """Raise `Refused` if `library`, which no public fuzzing covers and which decodes `content`, is switched off."""
-    if is_untrusted_blocked():
-        raise Refused(
-            f"{content} would be decoded by {library}, which no public fuzzing covers, and the environment variable "
-            f"{BLOCK_UNTRUSTED} forbids that: convert the file where it may be trusted, or unset the variable"
-        )
 
 
 def unpacked_limit(packed: int) -> int:
@@ -55,10 +36,7 @@ def unpacked_limit(packed: int) -> int:
 
 
 class Source:
-    """A file, expected to be a `what`, or a member of an archive with this content.
-
-    Raises `FileFormatError` if the file cannot be read.
-    """
+    """A file, expected to be a `what`, or a member of an archive with this content."""
 
     def __init__(self, path: str | os.PathLike[str], what: str, content: bytes | None = None) -> None:
         self.path, self.what, self._content = checked_path(path), what, content
@@ -115,7 +93,7 @@ class Source:
             raise
         except InputError as error:
             raise self.error(f"{what}: {error}") from error
-        except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, struct.error, zlib.error) as error:
+        except DAMAGE as error:
             raise self.error(f"{what}: damaged or incomplete, {error!r}") from error
 
     def error(self, message: str) -> FileFormatError:
@@ -153,27 +131,20 @@ def text_format(name: str, title: str, sniff: Callable[[TextFile], bool], read: 
     return Format(name, title, lambda source: sniff(source.text), lambda source: read(source.text))
 
 
-class Kind(NamedTuple):
-    """A kind of file: its name, what to do with such a file, and its formats, the likeliest first."""
-
-    name: str
-    advice: str
-    formats: Sequence[Format[Any]]
-
-
-# The registry of kinds; `rsdeblur.io`, which imports the formats of all kinds, fills it.
-KINDS: list[Kind] = []
+# What to do with a file of each kind, and its formats, the likeliest first; `rsdeblur.io` fills it.
+KINDS: dict[str, tuple[str, Sequence[Format[Any]]]] = {}
 
 
 def mistaken(source: Source) -> FileFormatError | None:
-    """Return the error for a file that looks like another kind than `source.what`; None if it looks like none."""
-    for kind in KINDS:
-        fits = (each for each in kind.formats if each.fits(source)) if kind.name != source.what else iter(())
-        if (format := next(fits, None)) is not None:
-            title = f" ({format.title})" if format.title != kind.name else ""
+    """Return the error for a file that looks like another kind than `source.what`, and not like that; else None."""
+    if source.what in KINDS and any(each.fits(source) for each in KINDS[source.what][1]):
+        return None
+    for kind, (advice, formats) in KINDS.items():
+        if format := next((each for each in formats if each.fits(source)), None):
+            title = f" ({format.title})" if format.title != kind else ""
             rates = source.what == "gyro log" and source.looks_like_text and named_columns(source.text, RATE.bare)
             more = f", or if x, y and z are rates, add {rates.option(RATE)}" if rates else ""
-            return source.error(f"not a {source.what}: it looks like a {kind.name}{title}; {kind.advice}{more}")
+            return source.error(f"not a {source.what}: it looks like a {kind}{title}; {advice}{more}")
     return None
 
 
@@ -187,12 +158,12 @@ def choose(
     known = "; ".join(f"{each.name} ({each.title})" for each in formats)
     if name is not None:
         validate.instance("format", name, str)
-        named = next((each for each in formats if each.name == name), None)
-        if named is None:
+        chosen = next((each for each in formats if each.name == name), None)
+        if chosen is None:
             raise source.error(f"there is no {source.what} format {name!r}; known formats: {known}")
-        if not named.sniff(source):
-            raise source.error(f"not in the format {name}: {named.title}")
-        return named
+        if not chosen.sniff(source):
+            raise source.error(f"not in the format {name}: {chosen.title}")
+        return chosen
     for each in formats:
         if each.fits(source):
             return each

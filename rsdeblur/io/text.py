@@ -6,8 +6,9 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from decimal import Decimal
 from itertools import islice
 from pathlib import Path
@@ -28,22 +29,7 @@ INT64_LIMIT = 2**63
 LAYOUT_ROWS = 50
 # Characters of the longest line that may name columns or contain dates: a ROS topic with all its covariances has 1500.
 HEADER_WIDTH = 4096
-# First bytes of files that contain a log, but not as text.
-PACKED = {
-    b"\x1f\x8b": "compressed (gzip); unpack it",
-    b"BZh": "compressed (bzip2); unpack it",
-    b"\xfd7zXZ": "compressed (xz); unpack it",
-    b"(\xb5/\xfd": "compressed (zstd); unpack it",
-    b"7z\xbc\xaf": "a 7z archive; unpack it",
-    b"Rar!": "a RAR archive; unpack it",
-    b"\xd0\xcf\x11\xe0": "a spreadsheet; save it as CSV",
-    b"MATLAB ": "a MAT-file; save the table as CSV",
-    b"SQLite format": "a database; export the table as CSV",
-}
-# Cells with a date and a time of ISO 8601, whose zone is known.
-ISO_TIMESTAMP = re.compile(
-    r'(?<![^\s,;|"])(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?(Z|[+-]\d\d:\d\d)(?![^\s,;|"])', re.ASCII
-)
+DATE_WITH_ZONE = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)\.?(\d*)(Z|[+-]\d\d:\d\d)", re.ASCII)
 DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*", re.ASCII)
 
 Rows = NDArray[np.intp]
@@ -54,12 +40,9 @@ class TextFile:
     """A text file in memory."""
 
     path: Path
-    lines: list[str]
-    """All lines, without line breaks."""
-    rows: Rows
-    """0-based numbers of the lines that are neither blank nor comments (``#``); at least one."""
-    start: str
-    """The first million characters, for searches in files that are not tables."""
+    lines: list[str]  # all lines, without line breaks
+    rows: Rows  # 0-based numbers of the lines that are neither blank nor comments (``#``); at least one
+    start: str  # the first million characters, for searches in files that are not tables
 
     @classmethod
     def parse(cls, path: Path, data: bytes, what: str) -> TextFile:
@@ -69,9 +52,10 @@ class TextFile:
         except UnicodeDecodeError:
             text = "\0"
         if "\0" in text:
-            packed = (kind for mark, kind in PACKED.items() if data.startswith(mark))
-            problem = next(packed, "binary, or text of another encoding than UTF-8")
-            raise FileFormatError(f"{path}: not a {what}: the file is {problem}")
+            raise FileFormatError(
+                f"{path}: not a {what}: the file is binary, or text of another encoding than UTF-8; unpack it, or "
+                "export it as CSV"
+            )
         if "\r" in text:
             # Also the breaks of old Macs, and those that Windows doubles when a program writes \r\n as text.
             text = text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
@@ -80,8 +64,8 @@ class TextFile:
         if not len(rows):
             raise FileFormatError(f"{path}: not a {what}: the file is empty{' but for comments' * ('#' in text)}")
         start = text[: 2**20]
-        if ISO_TIMESTAMP.search(lines[rows[len(rows) // 2]][:HEADER_WIDTH]):
-            text = ISO_TIMESTAMP.sub(_unix_timestamp, text)
+        if DATE_WITH_ZONE.search(lines[rows[len(rows) // 2]][:HEADER_WIDTH]):
+            text = DATE_WITH_ZONE.sub(_unix_ns, text)
             lines = text.split("\n")
         # A number without a fraction has no comma, but hardly all numbers of so many rows are such.
         if any(_has_decimal_commas(lines[row]) for row in spread(rows, LAYOUT_ROWS)):
@@ -124,14 +108,11 @@ class Table:
     """Stamped samples of a text file."""
 
     text: TextFile
-    rows: Rows
-    """Lines of the n samples, counted from 0."""
+    rows: Rows  # lines of the n samples, counted from 0
+    # In the file's own unit, shape (n,): int64 if all are whole numbers that fit, else float64.
     timestamps: NDArray[Any]
-    """In the file's own unit, shape (n,): int64 if all are whole numbers that fit, else float64."""
-    values: FloatArray
-    """Finite, shape (n, k)."""
-    timestamp_cells: Callable[[], list[str]]
-    """Returns the timestamps as they are written."""
+    values: FloatArray  # finite, shape (n, k)
+    timestamp_cells: Callable[[], list[str]]  # returns the timestamps as they are written
 
     def check_range(self, unit: Decimal) -> None:
         """Raise `FileFormatError` at the first timestamp that does not fit int64 nanoseconds; `unit` is in ns."""
@@ -162,14 +143,11 @@ def separator_of(line: str) -> str | None:
     return next((mark for mark in ";,|" if mark in line), "\t" if line.count("\t") > 1 else None)
 
 
-def _unix_timestamp(match: re.Match[str]) -> str:
-    """Return a match of `ISO_TIMESTAMP` in ns since 1970; it stays as it is if there is no such date or time."""
-    whole, fraction, zone = match.groups(default="")
-    try:
-        seconds = (datetime.fromisoformat(whole + zone) - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(seconds=1)
-    except ValueError:
-        return match.group()
-    return str(10**9 * seconds + int(fraction.ljust(9, "0")))
+def _unix_ns(date: re.Match[str]) -> str:
+    with suppress(ValueError):  # a date that does not exist stays as it is
+        seconds = int(datetime.fromisoformat(date[1] + date[3]).timestamp())
+        return f"{seconds * 10**9 + int(date[2].ljust(9, '0')[:9])}"
+    return date[0]
 
 
 def _has_decimal_commas(line: str) -> bool:
@@ -213,30 +191,18 @@ def read_table(text: TextFile, rows: Rows | Sequence[int], columns: Sequence[int
         try:
             data = samples(rows)
         except ValueError as error:
-            raise _bad_cell(text, _first_failure(rows, samples), columns) from error
+            bad_cells = filter(None, (_bad_cell(text, row, columns) for row in rows.tolist()))
+            raise next(bad_cells, text.error("cells must be numbers with decimal points", rows[0])) from error
     if len(data) < len(rows):
         row = next((row for row in rows if text.lines[row].count('"') % 2), rows[0])
         raise text.error("a quote is not closed, so that the lines after it would be part of the cell", row)
     (bad,) = np.nonzero(~(np.isfinite(data["timestamp"]) & np.isfinite(data["values"]).all(axis=1)))
-    if bad.size:
-        raise _bad_cell(text, int(rows[bad[0]]), columns)
+    if bad.size and (failure := _bad_cell(text, int(rows[bad[0]]), columns)):
+        raise failure
     # Copies, so that the timestamps can be freed before the values.
     return Table(
         text, rows, data["timestamp"].copy(), data["values"].copy(), lambda: cells(rows, str, columns[:1]).tolist()
     )
-
-
-def _first_failure(rows: Rows, parse: Callable[[Rows], object]) -> int:
-    """Return the first of `rows` for which `parse` raises ValueError, by halving."""
-    while len(rows) > 1:
-        half = len(rows) // 2
-        try:
-            parse(rows[:half])
-        except ValueError:
-            rows = rows[:half]
-        else:
-            rows = rows[half:]
-    return int(rows[0])
 
 
 def _check_last(text: TextFile, rows: Rows) -> None:
@@ -250,15 +216,14 @@ def _check_last(text: TextFile, rows: Rows) -> None:
         )
 
 
-def _bad_cell(text: TextFile, row: int, columns: Sequence[int]) -> FileFormatError:
+def _bad_cell(text: TextFile, row: int, columns: Sequence[int]) -> FileFormatError | None:
+    """Return the error of a line, one of whose cells is missing or not a finite number."""
     cells = cells_of(text.lines[row])
     needed = max(columns) + 1
     if len(cells) < needed:
         return text.error(f"too few columns: {len(cells)} found, at least {needed} needed", row)
     bad = next((k for k in columns if not NUMBER.fullmatch(cells[k]) or math.isinf(float(cells[k]))), None)
     if bad is None:
-        return text.error(f"{text.lines[row].strip()[:60]!r}: cells must be numbers with decimal points", row)
+        return None
     problem = "is not finite; remove the line" if is_number(cells[bad]) else "is not a number"
-    if ISO_TIMESTAMP.fullmatch(f"{cells[bad]}Z"):
-        problem = "has no time zone; append Z to all timestamps if they are in UTC, else the offset, like +02:00"
     return text.error(f"{cells[bad][:40]!r} in column {bad + 1} {problem}", row)

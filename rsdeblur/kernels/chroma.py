@@ -13,7 +13,7 @@ import numpy as np
 from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import share
 from rsdeblur.kernels._jit import njit
-from rsdeblur.types import FloatImage
+from rsdeblur.types import Float32Array, FloatImage
 
 # Weights of red, green and blue in the brightness: most sensors have two green pixels for each red and blue one.
 RED, GREEN, BLUE = (np.float32(weight) for weight in (0.25, 0.5, 0.25))
@@ -57,52 +57,26 @@ def separate(light: FloatImage, threads: int | None = None) -> tuple[FloatImage,
     return luma, half
 
 
-# Loops over values that lie beside each other, each one named alone, become SIMD code.
-@njit(nogil=True)
-def _products(half, i, row):
-    """Fill the brightness of a row, its square, the colours, and the products of both, shape (8, W)."""
-    for j in range(half.shape[1]):
-        luma = RED * half[i, j, 0] + GREEN * half[i, j, 1] + BLUE * half[i, j, 2]
-        row[0, j], row[1, j] = luma, luma * luma
-        for c in range(3):
-            row[2 + c, j], row[5 + c, j] = half[i, j, c], luma * half[i, j, c]
-
-
-@njit(nogil=True)
-def _means(above, own, below, sums, means):
-    """Fill the means over windows of 3 x 3; the ends of a row count twice."""
-    width, ninth = own.shape[1], np.float32(1.0 / 9.0)
-    for n in range(len(own)):
-        for j in range(width):
-            sums[j + 1] = above[n, j] + own[n, j] + below[n, j]
-        sums[0], sums[width + 1] = sums[1], sums[width]
-        for j in range(width):
-            means[n, j] = (sums[j] + sums[j + 1] + sums[j + 2]) * ninth
-
-
-@njit(nogil=True, error_model="numpy")
-def _fit(half, first, last, flat, dark, lines):
-    height, width = half.shape[:2]
-    zero, one = np.float32(0.0), np.float32(1.0)
-    rows, means = np.empty((3, 8, width), np.float32), np.empty((8, width), np.float32)
-    sums = np.empty(width + 2, np.float32)
-    for i in range(max(first - 1, 0), min(first + 1, height)):
-        _products(half, i, rows[i % 3])
-    for i in range(first, last):
-        if i + 1 < height:
-            _products(half, i + 1, rows[(i + 1) % 3])
-        own = rows[i % 3]
-        _means(rows[max(i - 1, 0) % 3], own, rows[min(i + 1, height - 1) % 3], sums, means)
-        for j in range(width):
-            mean = means[0, j]
-            brighter = one / (max(mean, zero) + dark)
-            steeper = one / (max(means[1, j] - mean * mean, zero) + flat)
-            for c in range(3):
-                colour = means[2 + c, j]
-                ratio = min((max(colour, zero) + dark) * brighter, MOST_RATIO)
-                slope = (means[5 + c, j] - mean * colour + flat * ratio) * steeper
-                lines[i, c, j] = slope
-                lines[i, 3 + c, j] = own[2 + c, j] - slope * own[0, j]
+def _fit(half: FloatImage, rows: slice, flat: np.float32, dark: np.float32, lines: Float32Array) -> None:
+    """Fill `rows` of `lines` (h, 6, w): slopes and offsets of the lines through windows of 3 x 3 pixels."""
+    # Borders count twice.
+    near = half.take(range(rows.start - 1, rows.stop + 1), axis=0, mode="clip").transpose(2, 0, 1)
+    colours = np.ascontiguousarray(near)
+    own = RED * colours[:1] + GREEN * colours[1:2] + BLUE * colours[2:]
+    values = np.concatenate([own, own * own, colours, own * colours])
+    sums = values[:, :-2] + values[:, 1:-1]
+    sums += values[:, 2:]
+    means = sums.copy()
+    means[..., 1:] += sums[..., :-1]
+    means[..., :-1] += sums[..., 1:]
+    means[..., 0] += sums[..., 0]
+    means[..., -1] += sums[..., -1]
+    means *= np.float32(1.0 / 9.0)
+    mean, square, colour, product = means[:1], means[1:2], means[2:5], means[5:]
+    slope, offset = lines[rows, :3].transpose(1, 0, 2), lines[rows, 3:].transpose(1, 0, 2)
+    ratio = np.minimum((np.maximum(colour, 0) + dark) / (np.maximum(mean, 0) + dark), MOST_RATIO)
+    np.divide(product - mean * colour + flat * ratio, np.maximum(square - mean * mean, 0) + flat, out=slope)
+    np.subtract(colours[:, 1:-1], slope * own[:, 1:-1], out=offset)
 
 
 @njit(nogil=True)
@@ -137,5 +111,5 @@ def join(luma: FloatImage, half: FloatImage, peak: float, out: FloatImage, threa
     flat, dark = (max(np.float32(share), TINY) for share in (FLAT * peak**2, DARK * peak))
     lines = empty((half.shape[0], 6, half.shape[1]), np.float32)
     tops, lasts = range(0, len(half), ROWS), range(0, len(out), 2 * ROWS)
-    share(lambda _, top: _fit(half, top, min(top + ROWS, len(half)), flat, dark, lines), tops, threads)
+    share(lambda _, top: _fit(half, slice(top, min(top + ROWS, len(half))), flat, dark, lines), tops, threads)
     share(lambda _, top: _evaluate(lines, luma, top, min(top + 2 * ROWS, len(out)), out), lasts, threads)

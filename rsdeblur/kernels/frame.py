@@ -11,9 +11,11 @@ sum that the noise of that picture has there. The frame is tight: with factors o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from rsdeblur.kernels._jit import njit
+from rsdeblur.types import Float32Array
 
 LEVELS = 4
 # Pixels around the picture that the result depends on, on each side.
@@ -22,180 +24,60 @@ HALO = 1 << LEVELS
 GATES = np.array([1.0, 2.5], dtype=np.float32) ** 2
 # Differences across, down and along both axes. The first two share their factors.
 ORIENTATIONS = 3
-# Planes of the workspace, besides one for each picture: sums of all bands, sums of all means, bands and energies of a
-# level, four planes of spare rows, two for the way back.
-WORK = 3 * LEVELS + 13
+QUARTER, TINY = np.float32(0.25), np.float32(1e-30)
 
 
-# Loops run over parts of rows, without computed indices, so that they become SIMD code.
-@njit(nogil=True)
-def _square(values, out):
-    for i in range(len(out)):
-        out[i] = values[i] * values[i]
+def combine(
+    planes: Sequence[Float32Array], variances: Float32Array, low_factors: Float32Array, factors: Float32Array
+) -> Float32Array:
+    """Return the sum of all planes, shrunk in the frame, without `HALO` px on each side.
 
-
-@njit(nogil=True)
-def _add_three(first, second, third, out):
-    for i in range(len(out)):
-        out[i] = first[i] + second[i] + third[i]
-
-
-@njit(nogil=True)
-def _sums_of_squares(band, first, work, energy):
-    """Fill the inside of `energy` with sums over 3 x 3 squared values of `band`, whose values start at `first`."""
-    height, width = band.shape
-    squares, sums = work[:3], work[3, 0]
-    for y in range(first, height):
-        _square(band[y, first:], squares[y % 3, 0, first:])
-        if y >= first + 2:
-            # From the top down in every block, so that blocks that overlap agree in every bit.
-            top, middle = squares[(y - 2) % 3, 0, first:], squares[(y - 1) % 3, 0, first:]
-            _add_three(top, middle, squares[y % 3, 0, first:], sums[first:])
-            _add_three(sums[first:], sums[first + 1 :], sums[first + 2 :], energy[y - 1, first + 1 : width - 1])
-
-
-@njit(nogil=True)
-def _split_row(here, left, above, corner, across, down, both, mean):
-    quarter = np.float32(0.25)
-    for i in range(len(mean)):
-        a, b, c, d = here[i], left[i], above[i], corner[i]
-        across[i] = quarter * ((a - b) + (c - d))
-        down[i] = quarter * ((a + b) - (c + d))
-        both[i] = quarter * ((a - b) - (c - d))
-        mean[i] = quarter * ((a + b) + (c + d))
-
-
-@njit(nogil=True)
-def _split(low, first, step, bands, following):
-    """Split `low`, whose values start at `first`, into three `bands` of differences and the means `following`."""
-    now, before, width = first + step, first, low.shape[1]
-    for y in range(now, low.shape[0]):
-        here, above = low[y], low[y - step]
-        _split_row(
-            *(here[now:], here[before : width - step], above[now:], above[before : width - step]),
-            *(bands[0, y, now:], bands[1, y, now:], bands[2, y, now:], following[y, now:]),
-        )
-
-
-@njit(nogil=True)
-def _join_row(means, across, down, both, sign, out):
-    """Add what a row of coefficients gives to a row of the result; `sign` is -1 for the row below."""
-    quarter = np.float32(0.25)
-    step = len(means) - len(out)
-    m, a, d, b = means[step:], across[step:], down[step:], both[step:]
-    for i in range(len(out)):
-        here = (means[i] + m[i]) + (across[i] - a[i])
-        out[i] += quarter * (here + sign * ((down[i] + d[i]) + (both[i] - b[i])))
-
-
-@njit(nogil=True)
-def _join(low, bands, height, width, step, out):
-    """Fill the first `height` x `width` values of `out` with the adjoint of :func:`_split`."""
-    for y in range(height):
-        out[y, :width] = np.float32(0.0)
-        for z, sign in ((y, np.float32(1.0)), (y + step, np.float32(-1.0))):
-            stop = width + step
-            _join_row(
-                *(low[z, :stop], bands[0, z, :stop], bands[1, z, :stop], bands[2, z, :stop]),
-                *(sign, out[y, :width]),
-            )
-
-
-@njit(nogil=True, error_model="numpy")  # a check for division by zero would prevent SIMD code
-def _gate_row(values, energy, soft, hard, factors, out):
-    plain, least, most = factors[0], factors[1], factors[2]
-    for i in range(len(out)):
-        e = energy[i]
-        out[i] += values[i] * (plain + least * (e / (e + soft)) + most * (e / (e + hard)))
-
-
-@njit(nogil=True)
-def _gate(band, energy, noise, factors, first, out):
-    """Add `band` times its factors to `out`."""
-    height, width = band.shape
-    tiny = np.float32(1e-30)
-    soft, hard = GATES[0] * noise + tiny, GATES[1] * noise + tiny
-    for y in range(first, height - 1):
-        inside = slice(first, width - 1)
-        _gate_row(band[y, inside], energy[y, inside], soft, hard, factors, out[y, inside])
-
-
-@njit(nogil=True)
-def _add_means(means, factor, out):
-    for i in range(len(out)):
-        out[i] += factor * means[i]
-
-
-@njit(nogil=True)
-def combine(planes, variances, low_factors, factors, work, out):
-    """Shrink all planes in the frame and add them up in a block `out` (h - 2 HALO, w - 2 HALO).
-
-    - `planes` (K, h, w): one channel of each picture, least regularised first, with `HALO` px around the block. They
-      are overwritten.
+    - `planes`: one channel of each of K pictures (h, w), least regularised first.
     - `variances` (K, LEVELS, 3): the s^2, nine times the variance of the noise of a coefficient.
     - `low_factors` (K,): factors of the means that are left at the last level.
     - `factors` (K, LEVELS, 3, 3): c0, c1 and c2 of each level and orientation.
-    - `work` (WORK + K, h, w): workspace.
     """
-    count, height, width = planes.shape
-    sums, bands, energies, spare = work[: 3 * LEVELS], work[-12:-9], work[-9:-6], work[-6:-2]
-    even, odd, total = work[-count - 13 : -13], planes, work[-13]
-    sums[:] = np.float32(0.0)
-    total[:] = np.float32(0.0)
+    lows, last, sums = list(planes), len(planes) - 1, []
     for level in range(LEVELS):
-        step, first = 1 << level, (1 << level) - 1
-        low, following = (odd, even) if level % 2 == 0 else (even, odd)
-        for k in range(count - 1, -1, -1):
-            _split(low[k], first, step, bands, following[k])
-            # Until the energies of this picture replace them, those of the next more regularised one are there.
-            reference = min(k + 1, count - 1)
-            for o in range(ORIENTATIONS):
-                if k == count - 1:
-                    _sums_of_squares(bands[o], first + step, spare, energies[o])
-                noise = variances[reference, level, o]
-                _gate(bands[o], energies[o], noise, factors[k, level, o], first + step + 1, sums[3 * level + o])
-                if 0 < k < count - 1:
-                    _sums_of_squares(bands[o], first + step, spare, energies[o])
-    for k in range(count):
-        for y in range(HALO - 1, height):
-            _add_means(planes[k, y, HALO - 1 :], low_factors[k], total[y, HALO - 1 :])
+        totals = [np.zeros_like(lows[0]) for _ in range(ORIENTATIONS)]
+        energies: list[Float32Array] = []
+        for k in range(last, -1, -1):
+            *bands, lows[k] = _split(lows[k], 1 << level)
+            own = [_sums_of_squares(band) for band in bands] if k > 0 or last == 0 else energies
+            for o, energy in enumerate(energies or own):
+                soft, hard = GATES * variances[min(k + 1, last), level, o] + TINY
+                gain = factors[k, level, o, 1] * (energy / (energy + soft))
+                gain += factors[k, level, o, 2] * (energy / (energy + hard))
+                gain += factors[k, level, o, 0]
+                totals[o] += np.multiply(gain, bands[o], out=gain)
+            energies = own
+        sums.append(totals)
+    total: Float32Array = np.einsum("k,kyx->yx", low_factors, lows)
     for level in range(LEVELS - 1, -1, -1):
-        # Values beyond would need coefficients beyond the block.
-        step, target = 1 << level, work[-2 + level % 2]
-        rows, columns = height - HALO + step - 1, width - HALO + step - 1
-        _join(total, sums[3 * level : 3 * level + 3], rows, columns, step, target)
-        total = target
-    # Loops: an assignment of arrays, with its error message, takes Numba seconds more to compile.
-    for y in range(out.shape[0]):
-        for x in range(out.shape[1]):
-            out[y, x] = total[HALO + y, HALO + x]
+        total = _join(sums[level], total, 1 << level)
+    return total[HALO:-HALO, HALO:-HALO]
 
 
-@njit(nogil=True)
-def cut_block(picture, rows, columns, mix, planes):
-    """Fill `planes` (C, h, w) with the channels of a block, mixed by the matrix `mix` (C, C).
-
-    The block consists of the `rows` (h,) and `columns` (w,) of `picture` (H, W, C).
-    """
-    for y in range(len(rows)):
-        source = picture[rows[y]]
-        for c in range(len(planes)):
-            line = planes[c, y]
-            for x in range(len(columns)):
-                pixel = source[columns[x]]
-                value = np.float32(0.0)
-                for d in range(len(pixel)):
-                    value += mix[c, d] * pixel[d]
-                line[x] = value
+def _split(low: Float32Array, step: int) -> tuple[Float32Array, ...]:
+    """Return the differences across, down and along both axes, and the means; right from `step` px on."""
+    left = np.roll(low, step, 1)
+    total, across = low + left, low - left
+    above, before = np.roll(total, step, 0), np.roll(across, step, 0)
+    return tuple(QUARTER * each for each in (across + before, total - above, across - before, total + above))
 
 
-@njit(nogil=True)
-def put_block(planes, mix, out):
-    """Fill a block `out` (h, w, C) with the `planes` (C, h, w), mixed back by the transpose of `mix`."""
-    for y in range(out.shape[0]):
-        for x in range(out.shape[1]):
-            for d in range(len(planes)):
-                value = np.float32(0.0)
-                for c in range(len(planes)):
-                    value += mix[c, d] * planes[c, y, x]
-                out[y, x, d] = value
+def _join(bands: list[Float32Array], means: Float32Array, step: int) -> Float32Array:
+    """Return what coefficients give, the adjoint of :func:`_split`."""
+    across, down, both = bands
+    even = means + across + np.roll(means - across, -step, 1)
+    odd = down + both + np.roll(down - both, -step, 1)
+    joined: Float32Array = QUARTER * (even + odd + np.roll(even - odd, -step, 0))
+    return joined
+
+
+def _sums_of_squares(band: Float32Array) -> Float32Array:
+    """Return sums over 3 x 3 squared values, 0 along the rim."""
+    squares, sums = np.square(band), np.zeros_like(band)
+    lines = squares[:-2] + squares[1:-1] + squares[2:]
+    sums[1:-1, 1:-1] = lines[:, :-2] + lines[:, 1:-1] + lines[:, 2:]
+    return sums

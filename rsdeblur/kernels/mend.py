@@ -10,31 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.kernels._jit import njit
-from rsdeblur.types import Float32Array
+from rsdeblur.types import Float32Array, FloatImage
 
 # Indices (n,) of the cells before and after each of n pixels, and how near each is to the latter, from 0 to 1.
 Between = tuple[NDArray[np.intp], NDArray[np.intp], Float32Array]
 
 
-@njit(nogil=True)
-def depths(light, step, below):
+def depths(light: FloatImage, step: int, below: Float32Array) -> None:
     """Fill `below` (M, N) with the mean depth below zero of light in cells, of the channel where it is largest.
 
     `light` (h, W, C) has the rows of these cells. Their side is `step` px; the last ones may be smaller.
     """
-    height, width, channels = light.shape
-    for m in range(below.shape[0]):
-        top, bottom = m * step, min(m * step + step, height)
-        for n in range(below.shape[1]):
-            left, right = n * step, min(n * step + step, width)
-            total = np.float32(0.0)
-            for y in range(top, bottom):
-                for x in range(left, right):
-                    lowest = np.float32(0.0)
-                    for c in range(channels):
-                        lowest = min(lowest, light[y, x, c])
-                    total -= lowest
-            below[m, n] = total / np.float32((bottom - top) * (right - left))
+    lowest = np.zeros(light.shape[:2], np.float32)
+    # Channel by channel: the minimum along so short an axis takes NumPy several times as long.
+    for channel in np.moveaxis(light, -1, 0):
+        np.minimum(lowest, channel, out=lowest)
+    tops, lefts = (step * np.arange(n) for n in below.shape)
+    areas = np.multiply.outer(np.diff(tops, append=len(light)), np.diff(lefts, append=light.shape[1]))
+    below[...] = -np.add.reduceat(np.add.reduceat(lowest, tops, axis=0), lefts, axis=1) / areas
 
 
 @njit(nogil=True)
@@ -57,30 +50,14 @@ def fade_to(sharp, blurred, weight, down, across):
                     sharp[y, x, c] += share * (blurred[y, x, c] - sharp[y, x, c])
 
 
-@njit(nogil=True)
-def extremes(roots, wide, lowest, highest):
+def extremes(roots: Float32Array, wide: int, lowest: Float32Array, highest: Float32Array) -> None:
     """Fill `lowest` and `highest` (N, C + 1) with the extremes of luma and chroma in one row of N cells.
 
     `roots` (h, W, C) has the square roots of the light there. Cells are `wide` px wide; the last one may be smaller.
     """
-    height, width, channels = roots.shape
-    for n in range(len(lowest)):
-        for i in range(channels + 1):
-            lowest[n, i] = np.inf
-            highest[n, i] = -np.inf
-    for y in range(height):
-        for x in range(width):
-            n = x // wide
-            luma = np.float32(0.0)
-            for c in range(channels):
-                luma += roots[y, x, c]
-            luma /= np.float32(channels)
-            lowest[n, 0] = min(lowest[n, 0], luma)
-            highest[n, 0] = max(highest[n, 0], luma)
-            for c in range(channels):
-                chroma = roots[y, x, c] - luma
-                lowest[n, c + 1] = min(lowest[n, c + 1], chroma)
-                highest[n, c + 1] = max(highest[n, c + 1], chroma)
+    parts, lefts = _parts(roots), np.arange(0, roots.shape[1], wide)
+    lowest[...] = np.minimum.reduceat(parts.min(axis=0), lefts)
+    highest[...] = np.maximum.reduceat(parts.max(axis=0), lefts)
 
 
 @njit(nogil=True)
@@ -91,9 +68,8 @@ def limit(rows, top, tall, wide, weight, least, most):
     cells hold `weight` (M, N), from 0, which changes nothing, to 1, and the limits `least` and `most` (M, N, C + 1) of
     the luma and of the C values of the chroma. Between them, both are interpolated bilinearly.
     """
-    height, width, channels = rows.shape
-    down, across = weight.shape
-    one = np.float32(1.0)
+    (height, width, channels), (down, across), one = rows.shape, weight.shape, np.float32(1.0)
+    parts, bounded = np.empty(channels + 1, np.float32), np.empty(channels + 1, np.float32)
     for y in range(height):
         place = min(max((top + y + 0.5) / tall - 0.5, 0.0), down - 1.0)
         above = int(place)
@@ -109,36 +85,35 @@ def limit(rows, top, tall, wide, weight, least, most):
             right, far = min(left + 1, across - 1), np.float32(place - left)
             shares = (one - low) * (one - far), (one - low) * far, low * (one - far), low * far
             places = (above, left), (above, right), (under, left), (under, right)
-            share = np.float32(0.0)
+            share = luma = np.float32(0.0)
             for k in range(4):
                 share += shares[k] * weight[places[k]]
-            if share == 0:
-                continue
-            luma = np.float32(0.0)
             for c in range(channels):
-                luma += _root(rows[y, x, c])
+                parts[c + 1] = np.copysign(np.sqrt(abs(rows[y, x, c])), rows[y, x, c])
+                luma += parts[c + 1]
             luma /= np.float32(channels)
-            if luma > one:
+            if share == 0 or luma > one:
                 continue
-            bounded = _bounded(luma, 0, shares, places, least, most)
+            parts[0] = luma
+            for n in range(channels + 1):
+                parts[n] -= luma if n > 0 else np.float32(0.0)
+                lowest = highest = np.float32(0.0)
+                for k in range(4):
+                    lowest += shares[k] * least[places[k]][n]
+                    highest += shares[k] * most[places[k]][n]
+                bounded[n] = min(max(parts[n], lowest), highest)
             for c in range(channels):
-                root = _root(rows[y, x, c])
-                chroma = _bounded(root - luma, c + 1, shares, places, least, most)
                 # Values within the limits keep their bits.
-                if bounded != luma or chroma != root - luma:
-                    changed = bounded + chroma
+                if bounded[0] != luma or bounded[c + 1] != parts[c + 1]:
+                    changed = bounded[0] + bounded[c + 1]
                     rows[y, x, c] += share * (changed * abs(changed) - rows[y, x, c])
 
 
-@njit(nogil=True)
-def _root(light):
-    return np.sqrt(light) if light > 0 else -np.sqrt(-light)
-
-
-@njit(nogil=True)
-def _bounded(value, n, shares, places, least, most):
-    low = high = np.float32(0.0)
-    for k in range(4):
-        low += shares[k] * least[places[k]][n]
-        high += shares[k] * most[places[k]][n]
-    return min(max(value, low), high)
+def _parts(roots: Float32Array) -> Float32Array:
+    """Return luma and chroma, shape (h, w, C + 1)."""
+    # The mean along so short an axis takes NumPy several times as long.
+    total = roots[..., :1].copy()
+    for c in range(1, roots.shape[2]):
+        total += roots[..., c : c + 1]
+    luma = total / np.float32(roots.shape[2])
+    return np.concatenate([luma, roots - luma], axis=2)

@@ -1,17 +1,4 @@
-"""Noise and model error of tiles, fitted to their periodograms, and the energy of the gradient at half size.
-
-The power expected of a tile is `V = g_c (E + e^2 D) + (a_o + b_o m) N`. E is the power of scene and blur, D that which
-an error of 1 px of the paths adds, N that of white noise, and m the tile's brightness. Each cell c of neighbouring
-frequencies has a gain g_c of its own, because scenes differ in scale and direction; the floors a_o and b_o of each
-octave o, and e^2, are those of all tiles. The fit minimises the sum of `P / V + log V`, the Itakura-Saito divergence
-from the periodogram P: each step multiplies a parameter by the ratio of the two parts of its derivative [1]_, without
-the square root there, which halves the steps.
-
-References
-----------
-.. [1] C. Fevotte, N. Bertin and J.-L. Durrieu, "Nonnegative matrix factorization with the Itakura-Saito divergence",
-       Neural Computation 21, 2009.
-"""
+"""Noise and model error of tiles, fitted to their periodograms, and the energy of the gradient at half size."""
 
 from __future__ import annotations
 
@@ -21,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.kernels._jit import njit, read_only
-from rsdeblur.types import Float32Array, FloatArray
+from rsdeblur.types import FloatArray, FloatImage
 
 
 class TilePowers(NamedTuple):
@@ -37,58 +24,43 @@ class TilePowers(NamedTuple):
 
 
 # Sums in any order, so that the loops become SIMD code; NaN and infinity stay what they are.
-FAST = {"reassoc", "contract", "nsz"}
-
-
-@njit(nogil=True, error_model="numpy", fastmath=FAST)
-def _gain_ratio(measured, blurred, error, noise, squared, floor, gain):
-    """Return the ratio by which a cell's gain changes."""
-    up, down = 0.0, 0.0
-    for i in range(len(measured)):
-        scene = blurred[i] + squared * error[i]
-        known = 1.0 / (gain * scene + floor * noise[i])
-        up += measured[i] * known * known * scene
-        down += known * scene
-    return up / down
-
-
-@njit(nogil=True, error_model="numpy", fastmath=FAST)
-def _shared_ratios(measured, blurred, error, noise, squared, floor, gain):
-    """Return a cell's parts of the numerators and denominators of the ratios of the noise and of the error."""
-    noise_up, noise_down, error_up, error_down = 0.0, 0.0, 0.0, 0.0
-    for i in range(len(measured)):
-        known = 1.0 / (gain * (blurred[i] + squared * error[i]) + floor * noise[i])
-        surprise = measured[i] * known * known
-        noise_up += surprise * noise[i]
-        noise_down += known * noise[i]
-        error_up += surprise * error[i]
-        error_down += known * error[i]
-    return noise_up, noise_down, gain * error_up, gain * error_down
-
-
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def _fit(tiles, noises, squared, gains, steps, prior, weight):
     """Fit `noises`, rows a and b of shape (2, O), and `gains`, both in place, and return e^2, `squared` at first."""
-    measured, blurred, error, noise, brightness, cells, octaves = tiles
     for _ in range(steps):
         up, down = np.zeros_like(noises), np.zeros_like(noises)
         error_up, error_down = weight * prior / squared**2, weight / squared
-        for tile in range(len(measured)):
-            for cell in range(len(cells) - 1):
-                first, stop, octave = cells[cell], cells[cell + 1], octaves[cell]
-                floor = noises[0, octave] + noises[1, octave] * brightness[tile]
-                powers = measured[tile, first:stop], blurred[tile, first:stop], error[first:stop], noise[first:stop]
-                gains[tile, cell] *= _gain_ratio(*powers, squared, floor, gains[tile, cell])
-                ratios = _shared_ratios(*powers, squared, floor, gains[tile, cell])
-                up[0, octave] += ratios[0]
-                down[0, octave] += ratios[1]
-                up[1, octave] += ratios[0] * brightness[tile]
-                down[1, octave] += ratios[1] * brightness[tile]
-                error_up += ratios[2]
-                error_down += ratios[3]
-        for part in range(len(noises)):
-            for octave in range(noises.shape[1]):
-                noises[part, octave] *= up[part, octave] / down[part, octave]
+        for tile in range(len(gains)):
+            for cell in range(len(tiles.octaves)):
+                inside, octave = slice(tiles.cells[cell], tiles.cells[cell + 1]), tiles.octaves[cell]
+                measured, blurred = tiles.measured[tile, inside], tiles.blurred[tile, inside]
+                error, noise = tiles.error[inside], tiles.noise[inside]
+                light, gain = tiles.brightness[tile], gains[tile, cell]
+                floor, more, less = noises[0, octave] + noises[1, octave] * light, 0.0, 0.0
+                for i in range(len(measured)):
+                    scene = blurred[i] + squared * error[i]
+                    known = 1.0 / (gain * scene + floor * noise[i])
+                    more += measured[i] * known * known * scene
+                    less += known * scene
+                gain *= more / less
+                noise_up, noise_down, of_error_up, of_error_down = 0.0, 0.0, 0.0, 0.0
+                for i in range(len(measured)):
+                    known = 1.0 / (gain * (blurred[i] + squared * error[i]) + floor * noise[i])
+                    surprise = measured[i] * known * known
+                    noise_up += surprise * noise[i]
+                    noise_down += known * noise[i]
+                    of_error_up += surprise * error[i]
+                    of_error_down += known * error[i]
+                gains[tile, cell] = gain
+                up[0, octave] += noise_up
+                down[0, octave] += noise_down
+                up[1, octave] += noise_up * light
+                down[1, octave] += noise_down * light
+                error_up += gain * of_error_up
+                error_down += gain * of_error_down
+        for octave in range(noises.shape[1]):
+            noises[0, octave] *= up[0, octave] / down[0, octave]
+            noises[1, octave] *= up[1, octave] / down[1, octave]
         squared *= error_up / error_down
     return squared
 
@@ -96,57 +68,47 @@ def _fit(tiles, noises, squared, gains, steps, prior, weight):
 def fit_floors(tiles: TilePowers, start: tuple[float, float], steps: int, weight: float) -> tuple[FloatArray, float]:
     """Return the mean variance of the noise in each octave and the mean square of the paths' errors, px^2.
 
-    The fit starts at `start`, the values of both, positive. That of the errors is also their prior, which counts for
-    `weight` frequencies.
+    The power expected of a tile is `V = g_c (E + e^2 D) + (a_o + b_o m) N`. E is the power of scene and blur, D that
+    which an error of 1 px of the paths adds, N that of white noise, and m the tile's brightness. Each cell c of
+    neighbouring frequencies has a gain g_c of its own, because scenes differ in scale and direction; the floors a_o and
+    b_o of each octave o, and e^2, are those of all tiles. The fit minimises the sum of `P / V + log V`, the
+    Itakura-Saito divergence from the periodogram P: each step multiplies a parameter by the ratio of the two parts of
+    its derivative [1]_, without the square root there, which halves the steps.
+
+    The fit starts at `start`, the values of noise and errors, positive. That of the errors is also their prior, which
+    counts for `weight` frequencies.
+
+    .. [1] C. Fevotte, N. Bertin and J.-L. Durrieu, "Nonnegative matrix factorization with the Itakura-Saito
+       divergence", Neural Computation 21, 2009.
     """
-    noises, mean = _first_noises(tiles, start[0]), tiles.brightness.mean()
-    squared = _fit(tiles, noises, start[1], _first_gains(tiles), steps, start[1], weight)
-    return noises[0] + noises[1] * mean, float(squared)
+    # At first, half of the noise is in proportion to light.
+    halves = np.array([[start[0] / 2], [start[0] / 2 / tiles.brightness.mean()]])
+    noises = np.repeat(halves, tiles.octaves.max() + 1, axis=1)
+    measured, blurred = (np.add.reduceat(power, tiles.cells[:-1], axis=1) for power in tiles[:2])
+    squared = _fit(tiles, noises, start[1], measured / blurred, steps, start[1], weight)
+    return noises[0] + noises[1] * tiles.brightness.mean(), float(squared)
 
 
-def _first_noises(tiles: TilePowers, variance: float) -> FloatArray:
-    """Return the noise at which the fit starts, rows a and b of shape (2, O): half of it is in proportion to light."""
-    halves = np.array([variance / 2, variance / 2 / tiles.brightness.mean()])
-    return np.repeat(halves[:, None], tiles.octaves.max() + 1, axis=1)
-
-
-def _first_gains(tiles: TilePowers) -> FloatArray:
-    measured, blurred = (np.add.reduceat(power, tiles.cells[:-1], axis=1) for power in (tiles.measured, tiles.blurred))
-    gains: FloatArray = measured / blurred
-    return gains
-
-
-@njit(nogil=True)
-def _halve(above, below, out):
-    quarter = np.float32(0.25)
-    for x in range(len(out)):
-        for c in range(out.shape[1]):
-            out[x, c] = quarter * (above[2 * x, c] + below[2 * x, c] + above[2 * x + 1, c] + below[2 * x + 1, c])
-
-
-@njit(nogil=True, fastmath={"reassoc"})  # sums in any order
-def _squared_difference(first, second):
-    total = 0.0
-    for i in range(len(first)):
-        difference = np.float64(second[i] - first[i])
-        total += difference * difference
-    return total
-
-
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", fastmath={"reassoc"})  # sums in any order
 def _energy(light):
+    quarter, total = np.float32(0.25), 0.0
     height, width, channels = light.shape[0] // 2, light.shape[1] // 2, light.shape[2]
-    rows, total = np.empty((2, width, channels), np.float32), 0.0
+    rows = np.empty((2, width * channels), np.float32)
     for y in range(height):
-        _halve(light[2 * y], light[2 * y + 1], rows[y % 2])
-        here, before = rows[y % 2].reshape(-1), rows[(y + 1) % 2].reshape(-1)
-        total += _squared_difference(here[:-channels], here[channels:])
+        above, below, here, before = light[2 * y], light[2 * y + 1], rows[y % 2], rows[1 - y % 2]
+        for x in range(width):
+            for c in range(channels):
+                across = above[2 * x, c] + above[2 * x + 1, c]
+                here[x * channels + c] = quarter * (across + below[2 * x, c] + below[2 * x + 1, c])
+        for i in range(channels, len(here)):
+            total += np.float64(here[i] - here[i - channels]) ** 2
         if y > 0:
-            total += _squared_difference(before, here)
+            for i in range(len(here)):
+                total += np.float64(here[i] - before[i]) ** 2
     return total / (height * width)
 
 
-def halved_gradient_energy(light: Float32Array) -> float:
+def halved_gradient_energy(light: FloatImage) -> float:
     """Return the mean squared gradient of linear light (H, W, C) at half its size, of both directions and all channels.
 
     They are added up. A pixel at half the size is the mean of 2 x 2 pixels; an odd last row or column is left out. The

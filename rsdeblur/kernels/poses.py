@@ -93,29 +93,23 @@ def integrated(t: FloatArray, omega: FloatArray) -> FloatArray:
 
 
 @njit(nogil=True)
+def _component(low, high, share, n, x, y, z):
+    """Return one component of a direction, between those from two poses."""
+    before = low[n] * x + low[n + 1] * y + low[n + 2] * z + low[n + 3]
+    after = high[n] * x + high[n + 1] * y + high[n + 2] * z + high[n + 3]
+    return before + share * (after - before)
+
+
+@njit(nogil=True)
 def _direction(x, y, z, row, matrices):
     half, last = len(matrices) // 4, len(matrices) - 1
     # A comparison with NaN is false, so that NaN is taken for the first row.
     place = row + half if row + half > 0.0 else 0.0
     place = min(place, float(last))
     i = min(int(place), last - 1)
-    low, high = matrices[i], matrices[i + 1]
-    before = (
-        low[0] * x + low[1] * y + low[2] * z + low[3],
-        low[4] * x + low[5] * y + low[6] * z + low[7],
-        low[8] * x + low[9] * y + low[10] * z + low[11],
-    )
-    after = (
-        high[0] * x + high[1] * y + high[2] * z + high[3],
-        high[4] * x + high[5] * y + high[6] * z + high[7],
-        high[8] * x + high[9] * y + high[10] * z + high[11],
-    )
-    share = place - i
-    return (
-        before[0] + share * (after[0] - before[0]),
-        before[1] + share * (after[1] - before[1]),
-        before[2] + share * (after[2] - before[2]),
-    )
+    low, high, share = matrices[i], matrices[i + 1], place - i
+    across, down = _component(low, high, share, 0, x, y, z), _component(low, high, share, 4, x, y, z)
+    return across, down, _component(low, high, share, 8, x, y, z)
 
 
 @njit(nogil=True)

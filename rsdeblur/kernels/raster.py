@@ -1,12 +1,10 @@
 """Paths drawn as PSFs, and spread over a grid by a smooth window.
 
-All integrate a path of unit energy: segments between two samples have the same energy, spread evenly over time. Drawn,
-each point of the path contributes to its four neighbouring pixels with bilinear weights. Along a segment, inside one
-pixel cell, those weights are quadratic in time, so two Gauss points integrate them without error.
-
-There are two windows. One interpolates between pixels. The other is for exact spectra: the spectrum of the grid is that
-of the path times that of the window, plus aliases that the window keeps small. Divided by the window's spectrum it is a
-non-uniform Fourier transform of the path [1]_. Gauss points integrate them.
+All integrate a path of unit energy: segments between two samples have the same energy, spread evenly over time. Two
+Gauss points integrate each part of a segment under a window, of which there are three. The bilinear one gives the
+weights of the four neighbouring pixels. The second interpolates between pixels. The third is for exact spectra: the
+spectrum of the grid is that of the path times that of the window, plus aliases that the window keeps small. Divided by
+the window's spectrum it is a non-uniform Fourier transform of the path [1]_.
 
 .. [1] A. Dutt and V. Rokhlin, "Fast Fourier transforms for nonequispaced data", SIAM J. Sci. Comput. 14, 1993.
 """
@@ -37,93 +35,8 @@ SINC_WIDTH = 6
 # Entries of the window's table per grid point; linear interpolation between them has an error of at most 1e-6.
 STEPS = 512
 # Longest part of a segment, in grid points along one axis, that two Gauss points integrate. The error of the highest
-# frequency along the axis is below 2e-4.
-MOST_STEP = 0.35
-
-
-@njit(nogil=True, error_model="numpy", inline="always")
-def _cell(position, cells):
-    """Return the cell, 0 to `cells` - 1, that contains a position, or the nearest one; 0 for NaN."""
-    if position >= cells:
-        return cells - 1
-    return int(position) if position > 0.0 else 0
-
-
-@njit(nogil=True, error_model="numpy", inline="always")
-def _splat(kernel, x, y, weight):
-    # Rounding may lead a path just beyond the last cell.
-    i, j = _cell(y, kernel.shape[0] - 1), _cell(x, kernel.shape[1] - 1)
-    fy, fx = y - i, x - j
-    kernel[i, j] += weight * (1.0 - fy) * (1.0 - fx)
-    kernel[i, j + 1] += weight * (1.0 - fy) * fx
-    kernel[i + 1, j] += weight * fy * (1.0 - fx)
-    kernel[i + 1, j + 1] += weight * fy * fx
-
-
-@njit(nogil=True, error_model="numpy", inline="always")
-def _next_crossing(position, velocity):
-    """Return the time until a coordinate reaches the next integer; infinity where it does not move."""
-    if velocity > 0.0:
-        return (np.floor(position) + 1.0 - position) / velocity
-    if velocity < 0.0:
-        return (np.ceil(position) - 1.0 - position) / velocity
-    return np.inf
-
-
-@njit(nogil=True, error_model="numpy")
-def _trace(kernel, path, centre_x, centre_y):
-    segments = path.shape[0] - 1
-    for k in range(segments):
-        x0, y0 = path[k, 0] + centre_x, path[k, 1] + centre_y
-        vx, vy = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
-        t = 0.0
-        while t < 1.0:
-            x, y = x0 + t * vx, y0 + t * vy
-            step = min(_next_crossing(x, vx), _next_crossing(y, vy), 1.0 - t)
-            # Rounding may leave t just before a grid line; this keeps the step above 0.
-            step = max(step, 1e-9)
-            weight = 0.5 * step / segments
-            for gauss in (GAUSS_LOW, GAUSS_HIGH):
-                _splat(kernel, x + gauss * step * vx, y + gauss * step * vy, weight)
-            t += step
-
-
-@njit(nogil=True, error_model="numpy")
-def _fits(path, half_width, half_height):
-    fits = True
-    for k in range(path.shape[0]):
-        fits = fits and abs(path[k, 0]) < half_width and abs(path[k, 1]) < half_height
-    return fits
-
-
-@njit(nogil=True, error_model="numpy")
-def _rasterize(first, stop, paths, kernels):
-    half_height, half_width = kernels.shape[1] // 2, kernels.shape[2] // 2
-    for n in range(first, stop):
-        kernel = np.zeros(kernels.shape[1:], dtype=np.float64)
-        if _fits(paths[n], half_width, half_height):
-            _trace(kernel, paths[n], half_width, half_height)
-        else:
-            kernel[0, 0] = np.nan
-        total = kernel.sum()
-        # A loop over cells: an assignment of arrays, with its error message, takes Numba four seconds more to compile.
-        for i in range(kernel.shape[0]):
-            for j in range(kernel.shape[1]):
-                kernels[n, i, j] = kernel[i, j] / total
-
-
-def rasterize(
-    paths: NDArray[np.float64], half_height: int, half_width: int, threads: int | None = None
-) -> NDArray[np.float32]:
-    """Return the kernels (N, 2 half_height + 1, 2 half_width + 1) of paths; they sum to 1.
-
-    `paths` (N, T, 2), C-contiguous, are displacements (x, y) in px at T >= 2 evenly spaced times, |x| < `half_width`,
-    |y| < `half_height`. The kernel of a path that is not within these bounds, or contains NaN, is NaN.
-    """
-    kernels = np.empty((len(paths), 2 * half_height + 1, 2 * half_width + 1), dtype=np.float32)
-    paths = read_only(paths)
-    share_range(lambda first, stop: _rasterize(first, stop, paths, kernels), len(paths), threads)
-    return kernels
+# frequency along the axis is below 2e-4. The bilinear window has kinks.
+MOST_STEP, BILINEAR_STEP = 0.35, 0.1
 
 
 def _window_table() -> FloatArray:
@@ -156,13 +69,15 @@ def _sinc_table(softness: float = 0.0) -> FloatArray:
 
 
 _TABLE = _window_table()
+# The bilinear window, at the same distances.
+_HAT = np.clip(1 - np.arange(STEPS + 2) / STEPS, 0, None)
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
 def _weigh(position, table, weights):
     """Fill the weights of the grid points around a position; return the first of them."""
-    first = int(position) - WIDTH // 2 + 1
-    for i in range(WIDTH):
+    first = int(position) - len(weights) // 2 + 1
+    for i in range(len(weights)):
         place = abs(first + i - position) * STEPS
         n = int(place)
         weights[i] = table[n] + (place - n) * (table[n + 1] - table[n])
@@ -170,33 +85,49 @@ def _weigh(position, table, weights):
 
 
 @njit(nogil=True, error_model="numpy")
-def _spread(path, down, across, table, grid):
+def _spread(path, down, across, table, most_step, grid):
     centre_y, centre_x = grid.shape[0] // 2, grid.shape[1] // 2
-    in_y, in_x = np.empty(WIDTH), np.empty(WIDTH)
+    width = 2 * (len(table) // STEPS)
+    in_y, in_x = np.empty(width), np.empty(width)
     segments = path.shape[0] - 1
     for k in range(segments):
         x0, y0 = path[k, 0] * across + centre_x, path[k, 1] * down + centre_y
         vx, vy = path[k + 1, 0] * across + centre_x - x0, path[k + 1, 1] * down + centre_y - y0
-        parts = max(int(np.ceil(max(abs(vx), abs(vy)) / MOST_STEP)), 1)
+        parts = max(int(np.ceil(max(abs(vx), abs(vy)) / most_step)), 1)
         energy = 0.5 / (parts * segments)
         for point in range(2 * parts):
             t = (point // 2 + (GAUSS_HIGH if point % 2 else GAUSS_LOW)) / parts
             first_y, first_x = _weigh(y0 + t * vy, table, in_y), _weigh(x0 + t * vx, table, in_x)
-            for i in range(WIDTH):
+            for i in range(width):
                 of_row = energy * in_y[i]
-                for j in range(WIDTH):
+                for j in range(width):
                     grid[first_y + i, first_x + j] += of_row * in_x[j]
 
 
 @njit(nogil=True, error_model="numpy")
-def _interpolate(first, stop, paths, table, kernels):
+def _draw(first, stop, paths, fits, table, most_step, beyond, kernels):
     for n in range(first, stop):
-        kernel = np.zeros(kernels.shape[1:])
-        _spread(paths[n], 1.0, 1.0, table, kernel)
+        kernel = np.zeros((kernels.shape[1] + 2 * beyond, kernels.shape[2] + 2 * beyond))
+        if fits[n]:
+            _spread(paths[n], 1.0, 1.0, table, most_step, kernel)
+        # 0, and so NaN in the kernel, if the path does not fit.
         total = kernel.sum()
-        for i in range(kernel.shape[0]):
-            for j in range(kernel.shape[1]):
-                kernels[n, i, j] = kernel[i, j] / total
+        # A loop over cells: an assignment of arrays, with its error message, takes Numba four seconds more to compile.
+        for i in range(kernels.shape[1]):
+            for j in range(kernels.shape[2]):
+                kernels[n, i, j] = kernel[beyond + i, beyond + j] / total
+
+
+def rasterize(
+    paths: NDArray[np.float64], half_height: int, half_width: int, threads: int | None = None
+) -> NDArray[np.float32]:
+    """Return the kernels (N, 2 half_height + 1, 2 half_width + 1) of paths by the bilinear window; they sum to 1.
+
+    `paths` (N, T, 2), C-contiguous, are displacements (x, y) in px at T >= 2 evenly spaced times, |x| < `half_width`,
+    |y| < `half_height`. The kernel of a path that is not within these bounds, or contains NaN, is NaN.
+    """
+    fits = np.abs(paths) < (half_width, half_height)
+    return _drawn(paths, fits, half_height, half_width, (_HAT, BILINEAR_STEP), 1, threads)
 
 
 def interpolated(
@@ -208,28 +139,28 @@ def interpolated(
 ) -> NDArray[np.float32]:
     """Return the kernels (N, 2 half_height + 1, 2 half_width + 1) of paths, drawn by the interpolating window.
 
-    `paths` (N, T, 2), C-contiguous, are displacements (x, y) in px at T >= 2 evenly spaced times. They must end 4 px
-    before the border of the kernels; if one of any path does not, all kernels are NaN. `softness` is the standard
-    deviation in px, from 0 to 1, of a Gaussian around the paths. Kernels sum to 1 and have some negative values.
+    `paths` (N, T, 2), C-contiguous, are displacements (x, y) in px at T >= 2 evenly spaced times. The kernel of a path
+    that does not end 4 px before the border is NaN. `softness` is the standard deviation in px, from 0 to 1, of a
+    Gaussian around the paths. Kernels sum to 1 and have some negative values.
     """
-    kernels = np.full((len(paths), 2 * half_height + 1, 2 * half_width + 1), np.nan, dtype=np.float32)
-    if (np.abs(paths) <= (half_width - WIDTH // 2, half_height - WIDTH // 2)).all():
-        table = _sinc_table(softness)
-        share_range(lambda first, stop: _interpolate(first, stop, paths, table, kernels), len(paths), threads)
+    fits = np.abs(paths) <= (half_width - WIDTH // 2, half_height - WIDTH // 2)
+    return _drawn(paths, fits, half_height, half_width, (_sinc_table(softness), MOST_STEP), 0, threads)
+
+
+def _drawn(
+    paths: NDArray[np.float64],
+    fits: NDArray[np.bool_],
+    half_height: int,
+    half_width: int,
+    window: tuple[FloatArray, float],
+    beyond: int,
+    threads: int | None,
+) -> NDArray[np.float32]:
+    """Return the kernels of paths that fit, under a window, which may reach `beyond` px over their borders."""
+    kernels = np.empty((len(paths), 2 * half_height + 1, 2 * half_width + 1), dtype=np.float32)
+    given = read_only(paths), fits.all(axis=(1, 2)), *window, beyond, kernels
+    share_range(lambda first, stop: _draw(first, stop, *given), len(paths), threads)
     return kernels
-
-
-@njit(nogil=True, error_model="numpy")
-def _spread_within(path, down, across, table, grid):
-    high, wide = (grid.shape[0] - 1 - WIDTH) / 2 / down, (grid.shape[1] - 1 - WIDTH) / 2 / across
-    fits = True
-    for k in range(len(path)):
-        # A displacement that is NaN does not fit.
-        fits &= abs(path[k, 0]) <= wide and abs(path[k, 1]) <= high
-    grid[...] = 0 if fits else np.nan
-    if fits:
-        _spread(path, down, across, table, grid)
-    return grid.sum()
 
 
 def spread(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> float:
@@ -239,4 +170,9 @@ def spread(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatA
     and x. The centre of the grid, of odd size, is no displacement. The grid becomes NaN if a displacement is less than
     half a window from the border, or is NaN.
     """
-    return float(_spread_within(path, *pitches, _TABLE, grid))
+    high, wide = ((n - 1 - WIDTH) / 2 / pitch for n, pitch in zip(grid.shape, pitches, strict=True))
+    fits = bool((np.abs(path) <= (wide, high)).all())
+    grid[...] = 0 if fits else np.nan
+    if fits:
+        _spread(path, *pitches, _TABLE, MOST_STEP, grid)
+    return float(grid.sum())

@@ -20,7 +20,6 @@ from scipy import sparse
 from scipy.linalg import solveh_banded
 
 from rsdeblur.kernels import native
-from rsdeblur.kernels._jit import njit
 from rsdeblur.types import Float32Array, Int32Array
 
 # Frequencies per block: the widest SIMD vector has 16 floats, and so does a cache line.
@@ -61,41 +60,9 @@ def phase_table(block: int, first_shift: int, shifts: int, length: int) -> Float
     return np.stack([phases.real, phases.imag], axis=1).astype(np.float32)
 
 
-@njit(nogil=True)
-def spectra_to_lanes(spectra: Any, rows: Any, lanes: Any, top: Any) -> None:
-    """Copy the first `rows` of `spectra` (C, R, K) to the rows from `top` on of `lanes`."""
-    channels, _, frequencies = spectra.shape
-    for b in range(lanes.shape[0]):
-        first = LANES * b
-        n = min(LANES, frequencies - first)
-        for c in range(channels):
-            for r in range(rows):
-                for i in range(n):
-                    lanes[b, c, top + r, 0, i] = spectra[c, r, first + i].real
-                    lanes[b, c, top + r, 1, i] = spectra[c, r, first + i].imag
-
-
-@njit(nogil=True)
-def lanes_to_spectra(lanes: Any, top: Any, spectra: Any, rows: Any) -> None:
-    """Copy the rows from `top` on of `lanes` to the first `rows` of `spectra`; see :func:`spectra_to_lanes`."""
-    channels, _, frequencies = spectra.shape
-    for b in range(lanes.shape[0]):
-        first = LANES * b
-        n = min(LANES, frequencies - first)
-        for c in range(channels):
-            for r in range(rows):
-                for i in range(n):
-                    spectra[c, r, first + i] = complex(lanes[b, c, top + r, 0, i], lanes[b, c, top + r, 1, i])
-
-
 def workspace_size_numpy(model: RowModel, table: Float32Array, rows: int, solve: bool) -> int:
     """Return the number of floats of workspace that a kernel needs; the twins need none."""
     return 0
-
-
-def assembled_size_numpy(model: RowModel, table: Float32Array, rows: int) -> int:
-    """Return the number of floats of the assembled normal matrix."""
-    return 2 * LANES * len(_tiles(model)[0])
 
 
 def forward_numpy(
@@ -131,64 +98,23 @@ def solve_numpy(
     `penalty` (3, 16) has values for each frequency, the first ones positive, the others at least 0. D takes the
     differences of neighbouring latent rows. Other parameters are those of :func:`forward_numpy`.
     """
-    normal = np.empty(assembled_size_numpy(model, table, data.shape[1]), dtype=np.float64)
-    assemble_numpy(model, table, normal, workspace, data.shape[1])
-    right: Any = np.empty(latent.shape, dtype=np.float64)
-    adjoint_numpy(model, table, data, right, workspace)
-    right += latent
-    solve_assembled_numpy(model, table, normal, right, workspace, penalty, data.shape[1])
-    latent[...] = right
-
-
-def assemble_numpy(model: RowModel, table: Float32Array, normal: Any, workspace: Float32Array, rows: int) -> None:
-    """Assemble the normal matrix `A^H A` in `normal`, :func:`assembled_size` values, for a picture of so many rows."""
-    records = normal.reshape(-1, 2, LANES)
-    for lane, blur in enumerate(_matrices(model, table, rows)):
-        values = (blur.conj().T @ blur).tocsr()[_tiles(model)]
-        records[:, 0, lane], records[:, 1, lane] = values.real, -values.imag
-
-
-def solve_assembled_numpy(
-    model: RowModel,
-    table: Float32Array,
-    normal: Any,
-    latent: Any,
-    workspace: Float32Array,
-    penalty: Float32Array,
-    rows: int,
-) -> None:
-    """Solve as :func:`solve_numpy`, with `latent` as the right-hand side and the `normal` matrix already assembled."""
     n = model.latents
     differences = sparse.eye_array(n - 1, n, k=1) - sparse.eye_array(n - 1, n)
     once = differences.T @ differences
     twice = once @ once
-    half = BLOCK * int((np.arange(len(model.coupled)) - model.coupled).max() + 1)
-    (row, column), records = _tiles(model), normal.reshape(-1, 2, LANES).astype(np.float64)
-    below = row >= column
-    at = (row - column)[below], column[below]
-    for lane in range(LANES):
-        band: Any = np.zeros((min(half, n), n), dtype=np.complex128)
-        band[at] = (records[:, 0, lane] - 1j * records[:, 1, lane])[below]
+    below = min(n, BLOCK * int((np.arange(len(model.coupled)) - model.coupled).max() + 1))
+    for lane, blur in enumerate(_matrices(model, table, data.shape[1])):
         ridge, slope, bend = penalty[:, lane].astype(np.float64)
-        for offset in range(min(3, len(band))):
-            band[offset, : n - offset] += slope * once.diagonal(-offset) + bend * twice.diagonal(-offset)
-        band[0] += ridge
-        right: Any = _load(latent, lane)
+        normal = blur.conj().T @ blur + ridge * sparse.eye_array(n) + slope * once + bend * twice
+        band = np.zeros((below, n), dtype=np.complex128)
+        for offset in range(below):
+            band[offset, : n - offset] = normal.diagonal(-offset)
+        right: Any = blur.conj().T @ _load(data, lane) + _load(latent, lane)
         try:
             right = solveh_banded(band, right, lower=True, check_finite=False)
         except np.linalg.LinAlgError:  # no solution: not positive definite, or not finite
             right = np.full_like(right, np.nan)
         _store(latent, lane, right)
-
-
-def _tiles(model: RowModel) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the row and the column of each record of the normal matrix."""
-    blocks = np.arange(len(model.coupled))
-    seen = blocks - model.coupled + 1
-    own = np.repeat(blocks, seen)
-    other = np.arange(len(own)) - np.repeat(np.cumsum(seen) - seen, seen) + np.repeat(model.coupled, seen)
-    row, column = np.divmod(np.arange(BLOCK * BLOCK), BLOCK)
-    return (BLOCK * own[:, None] + row).ravel(), (BLOCK * other[:, None] + column).ravel()
 
 
 def _matrices(model: RowModel, table: Float32Array, rows: int) -> list[sparse.csr_array]:
@@ -222,12 +148,19 @@ def _unpacked(kernel: Callable[..., Any]) -> Callable[..., Any]:
     return lambda model, *arguments: kernel(*model, *arguments)
 
 
+def _missing(*arguments: Any) -> None:
+    raise NotImplementedError("the C extension alone solves in two steps")
+
+
 workspace_size: Callable[[RowModel, Float32Array, int, bool], int]
 workspace_size = _unpacked(native.rowwise_workspace) if native else workspace_size_numpy
-assembled_size: Callable[[RowModel, Float32Array, int], int]
-assembled_size = _unpacked(native.rowwise_assembled_size) if native else assembled_size_numpy
-assemble: Callable[..., None] = _unpacked(native.rowwise_assemble) if native else assemble_numpy
-solve_assembled: Callable[..., None] = _unpacked(native.rowwise_solve_assembled) if native else solve_assembled_numpy
 forward: Callable[..., None] = _unpacked(native.rowwise_forward) if native else forward_numpy
 adjoint: Callable[..., None] = _unpacked(native.rowwise_adjoint) if native else adjoint_numpy
 solve: Callable[..., None] = _unpacked(native.rowwise_solve) if native else solve_numpy
+# Solving in two steps, of which several solves share the first, is a matter of speed: it has no twins. `assemble` fills
+# `normal`, floats of a size that `assembled_size` returns, with A^H A; `solve_assembled` takes it and a right-hand side
+# in `latent`.
+assembled_size: Callable[[RowModel, Float32Array, int], int]
+assembled_size = _unpacked(native.rowwise_assembled_size) if native else lambda *_: 0
+assemble: Callable[..., None] = _unpacked(native.rowwise_assemble) if native else _missing
+solve_assembled: Callable[..., None] = _unpacked(native.rowwise_solve_assembled) if native else _missing

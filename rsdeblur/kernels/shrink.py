@@ -22,7 +22,7 @@ from rsdeblur.types import Float32Array
 TERMS = 9
 # Rows of a picture on which a row of the output depends, on each side.
 REACH = 2
-# Values that stay in the first-level cache between the sums and the extrapolation.
+# Values that are summed up in float32.
 CHUNK = 2048
 
 
@@ -125,30 +125,18 @@ shrunk_derivatives_adjoint: Callable[..., None] = (
 
 
 @njit(nogil=True, fastmath={"reassoc"})  # sums in any order
-def _squares(before, after):
-    change = norm = np.float32(0.0)
-    for i in range(len(after)):
-        step = after[i] - before[i]
-        change += step * step
-        norm += after[i] * after[i]
-    return change, norm
-
-
-@njit(nogil=True)
-def _step(before, after, ahead):
-    for i in range(len(after)):
-        before[i] = after[i] + ahead * (after[i] - before[i])
-
-
-@njit(nogil=True)
 def _extrapolate(before, after, ahead):
-    total = whole = 0.0
+    total = whole = np.float64(0.0)
     for first in range(0, len(after), CHUNK):
         old, new = before[first : first + CHUNK], after[first : first + CHUNK]
-        change, norm = _squares(old, new)
+        change = norm = np.float32(0.0)
+        for i in range(len(new)):
+            step = new[i] - old[i]
+            change += step * step
+            norm += new[i] * new[i]
+            old[i] = new[i] + ahead * step
         total += change
         whole += norm
-        _step(old, new, ahead)
     return total, whole
 
 

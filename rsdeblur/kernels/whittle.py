@@ -41,41 +41,21 @@ class Tiles(NamedTuple):
     sectors: NDArray[np.intp]  # first frequency of each of D directions, and F, (D + 1,)
 
 
-@njit(nogil=True)
-def _smoothed_power(spectra, out):
-    count, height, width = spectra.shape
-    # A column before the first one and after the last one, for each row and its neighbours.
-    power, smooth = np.empty((height, width + 2), np.float32), np.empty(width + 2, np.float32)
-    for n in range(count):
-        for y in range(height):
-            for x in range(width):
-                value = spectra[n, y, x]
-                power[y, x + 1] = value.real * value.real + value.imag * value.imag
-        # Opposite frequencies have the same power, so the columns beyond either end are columns upside down.
-        for y in range(height):
-            opposite = (height - y) % height
-            power[y, 0], power[y, width + 1] = power[opposite, 2], power[opposite, width - 1]
-        for y in range(height):
-            above, below = power[y - 1 if y > 0 else height - 1], power[y + 1 if y < height - 1 else 0]
-            here = power[y]
-            for x in range(width + 2):
-                smooth[x] = HERE * here[x] + ASIDE * (above[x] + below[x])
-            for x in range(width):
-                out[n, y, x] = HERE * smooth[x + 1] + ASIDE * (smooth[x] + smooth[x + 2])
-
-
 def smoothed_power(spectra: ComplexArray) -> NDArray[np.float32]:
     """Return the power (N, H, W) of half spectra, smoothed as by a Hann window.
 
     The spectra (N, H, W), W >= 3, are those of real tiles of H x 2 (W - 1) px, as `scipy.fft.rfft2` returns them.
     """
-    out = np.empty(spectra.shape, np.float32)
-    _smoothed_power(read_only(spectra), out)
-    return out
+    power = np.square(spectra.real) + np.square(spectra.imag)
+    power = HERE * power + ASIDE * (np.roll(power, 1, axis=1) + np.roll(power, -1, axis=1))
+    # Opposite frequencies have the same power, so the columns beyond either end are columns upside down.
+    ends = np.roll(power[:, ::-1, [1, -2]], 1, axis=1)
+    wide = np.concatenate([ends[..., :1], power, ends[..., 1:]], axis=2)
+    smooth: NDArray[np.float32] = HERE * power + ASIDE * (wide[..., :-2] + wide[..., 2:])
+    return smooth
 
 
-# Divisions and sums are in loops of their own, which become SIMD code. Arrays are assigned by loops as well: with the
-# error message of `out[:] = values`, Numba takes seconds more to compile.
+# Arrays are assigned by loops: with the error message of `out[:] = values`, Numba takes seconds more to compile.
 
 
 @njit(nogil=True, error_model="numpy")
@@ -89,107 +69,82 @@ def _ratios(power, noise, expected, gain, level, ratios):
         ratios[i] = doubled / variance * (doubled / noise[i])
 
 
-@njit(nogil=True, error_model="numpy")
-def _derivatives(power, noise, expected, gain, level, firsts, seconds):
-    """Compute derivatives of the nats by the logarithm of the gain, at the frequencies of one direction."""
+@njit(nogil=True, error_model="numpy", fastmath={"reassoc"})  # sums in any order become SIMD code
+def _derivatives(power, noise, expected, gain, level):
+    """Return derivatives of the nats by the logarithm of the gain, over the frequencies of one direction."""
     gain, level = np.float32(gain), np.float32(level)
-    for i in range(len(firsts)):
+    first = second = np.float32(0.0)
+    for i in range(len(power)):
         signal = gain * expected[i]
         variance = signal + level * noise[i]
         doubled = variance + HALF * power[i]
         # Two divisions: the product of both divisors might be too small for float32.
         share = signal / variance
-        firsts[i] = share * ((variance - HALF * power[i]) / doubled)
-        seconds[i] = HALF * share * share
-
-
-@njit(nogil=True, fastmath={"reassoc"})  # sums in any order
-def _total(values):
-    total = 0.0
-    for i in range(len(values)):
-        total += values[i]
-    return total
+        first += share * ((variance - HALF * power[i]) / doubled)
+        second += HALF * share * share
+    return first, second
 
 
 @njit(nogil=True, error_model="numpy")
-def _nats(tile, gains, level, ratios):
-    """Return the sum over a tile, without the differences of the gains."""
+def _newton(tile, start, faintest, level, stiffness, logs, steps):
+    """Find the logarithms of a tile's gains, from one for all of them on; return their differences' share of nats."""
     power, noise, expected, sectors = tile
-    total = 0.0
-    for k in range(len(gains)):
-        a, b = sectors[k], sectors[k + 1]
-        _ratios(power[a:b], noise[a:b], expected[a:b], gains[k], level, ratios[a:b])
-        # One logarithm for several factors, which stay within the range of doubles; four are multiplied side by side.
-        product = 1.0
-        for i in range(a, b - 3, 4):
-            product *= (ratios[i] * ratios[i + 1]) * (ratios[i + 2] * ratios[i + 3])
-            if not 1e-100 < product < 1e100:
-                total += np.log(product)
-                product = 1.0
-        for i in range(b - (b - a) % 4, b):
-            product *= ratios[i]
-        total += np.log(product)
-    return total
-
-
-@njit(nogil=True, error_model="numpy")
-def _newton(tile, level, stiffness, gains, buffers):
-    """Find the gains of a tile; return their differences' share of the nats."""
-    power, noise, expected, sectors = tile
-    logs, slopes, bends, firsts, seconds = buffers
-    count = len(gains)
-    inside = slice(sectors[0], sectors[count])
-    scene, floor = _total(expected[inside]), level * _total(noise[inside])
-    excess = _total(power[inside]) - floor
-    faintest = np.log(FAINTEST * floor / scene)
-    # Strong edges dominate the mean, so the search begins below it.
-    mean = max(np.log(max(excess, FAINTEST * floor) / scene) - 1.0, faintest)
+    slopes, bends = steps
+    count, mean = len(logs), max(start, faintest)
     for k in range(count):
         logs[k] = mean
     for _ in range(STEPS):
         ones, forces = 0.0, 0.0
         for k in range(count):
             a, b = sectors[k], sectors[k + 1]
-            _derivatives(power[a:b], noise[a:b], expected[a:b], np.exp(logs[k]), level, firsts[a:b], seconds[a:b])
-            slopes[k] = stiffness * (logs[k] - mean) + _total(firsts[a:b])
-            bends[k] = stiffness + 1e-6 + _total(seconds[a:b])
+            first, second = _derivatives(power[a:b], noise[a:b], expected[a:b], np.exp(logs[k]), level)
+            slopes[k], bends[k] = stiffness * (logs[k] - mean) + first, stiffness + 1e-6 + second
             ones += 1.0 / bends[k]
             forces += slopes[k] / bends[k]
         # The Hessian is diag(bends) - stiffness / count, which the Sherman-Morrison formula inverts.
         common = stiffness / count * forces / max(1.0 - stiffness / count * ones, 1e-9)
-        longest = 0.0
+        longest, total = 0.0, 0.0
         for k in range(count):
             step = -(slopes[k] + common) / bends[k]
             moved = max(logs[k] + min(max(step, -LONGEST), LONGEST), faintest)
             longest = max(longest, abs(moved - logs[k]))
             logs[k] = moved
-        mean = _total(logs) / count
+            total += moved
+        mean = total / count
         if longest < SETTLED:
             break
     apart = 0.0
     for k in range(count):
-        gains[k] = np.exp(logs[k])
         apart += (logs[k] - mean) ** 2
     return 0.5 * stiffness * apart
 
 
 @njit(nogil=True, error_model="numpy")
-def _fit(first, stop, tiles, levels, stiffness, nats, gains, chosen):
-    count, frequencies = len(tiles.sectors) - 1, tiles.power.shape[1]
-    # Terms are float32, of which twice as many fit into a vector; products of ratios need the range of float64.
-    firsts, seconds = np.empty(frequencies, np.float32), np.empty(frequencies, np.float32)
-    trial, ratios = np.empty(count), np.empty(frequencies)
-    buffers = np.empty(count), np.empty(count), np.empty(count), firsts, seconds
+def _fit(first, stop, tiles, starts, levels, stiffness, nats, gains, chosen):
+    count = len(tiles.sectors) - 1
+    # Products of ratios need the range of float64.
+    logs, ratios, steps = np.empty(count), np.empty(tiles.power.shape[1]), (np.empty(count), np.empty(count))
     for n in range(first, stop):
         tile = tiles.power[n], tiles.noise[n], tiles.expected[tiles.place[n]], tiles.sectors
         nats[n] = np.inf
-        for level in levels:
-            apart = _newton(tile, level, stiffness, trial, buffers)
-            total = apart + _nats(tile, trial, level, ratios)
+        for i in range(len(levels)):
+            level = levels[i]
+            total = _newton(tile, starts[0, i, n], starts[1, i, n], level, stiffness, logs, steps)
+            for k in range(count):
+                a, b = tiles.sectors[k], tiles.sectors[k + 1]
+                _ratios(tile[0][a:b], tile[1][a:b], tile[2][a:b], np.exp(logs[k]), level, ratios[a:b])
+                # One logarithm for several factors, which stay within the range of doubles.
+                product = 1.0
+                for j in range(a, b):
+                    product *= ratios[j]
+                    if not 1e-100 < product < 1e100:
+                        total += np.log(product)
+                        product = 1.0
+                total += np.log(product)
             if total < nats[n]:
                 nats[n], chosen[n] = total, level
                 for k in range(count):
-                    gains[n, k] = trial[k]
+                    gains[n, k] = np.exp(logs[k])
 
 
 def fit_gains(
@@ -200,58 +155,18 @@ def fit_gains(
     `levels` are candidates for the level of the noise, positive. `stiffness`, not negative, weighs the differences of
     the gains' logarithms.
     """
-    power, noise, expected, place, sectors = tiles
-    count = len(power)
-    tiles = Tiles(read_only(power), read_only(noise), read_only(expected), read_only(place), read_only(sectors))
-    nats, gains, chosen = np.empty(count), np.empty((count, len(tiles.sectors) - 1)), np.empty(count)
-    share_range(lambda first, stop: _fit(first, stop, tiles, levels, stiffness, nats, gains, chosen), count, threads)
+    count, sectors = len(tiles.power), tiles.sectors
+    inside = np.s_[:, sectors[0] : sectors[-1]]
+    power, noise, scene = (each[inside].sum(axis=1, dtype=np.float64) for each in tiles[:3])
+    least = FAINTEST * np.multiply.outer(levels, noise)
+    excess = np.maximum(power - np.multiply.outer(levels, noise), least)
+    # Strong edges dominate the mean, so the search begins below it.
+    starts = np.log(np.stack([excess / np.e, least]) / scene[tiles.place])
+    tiles = Tiles._make(read_only(each) for each in tiles)
+    nats, gains, chosen = np.empty(count), np.empty((count, len(sectors) - 1)), np.empty(count)
+    given = tiles, starts, levels, stiffness
+    share_range(lambda first, stop: _fit(first, stop, *given, nats, gains, chosen), count, threads)
     return nats, gains, chosen
-
-
-@njit(nogil=True, error_model="numpy")
-def _information(first, stop, tiles, slopes, fitted, stiffness, gradient, fisher):
-    power, noise, expected, place, sectors = tiles
-    gains, chosen = fitted
-    parameters, count = slopes.shape[0], len(sectors) - 1
-    mixed, own = np.empty((count, parameters)), np.empty(count)
-    change = np.empty(parameters)
-    for tile in range(first, stop):
-        where = place[tile]
-        for p in range(parameters):
-            gradient[tile, p] = 0.0
-            for q in range(parameters):
-                fisher[tile, p, q] = 0.0
-        for k in range(count):
-            own[k] = stiffness + 1e-6
-            for p in range(parameters):
-                mixed[k, p] = 0.0
-            for i in range(sectors[k], sectors[k + 1]):
-                signal = gains[tile, k] * expected[where, i]
-                variance = signal + chosen[tile] * noise[tile, i]
-                share = signal / variance
-                surprise = (variance - 0.5 * power[tile, i]) / (variance + 0.5 * power[tile, i])
-                own[k] += 0.5 * share * share
-                for p in range(parameters):
-                    change[p] = share * slopes[p, where, i]
-                    gradient[tile, p] += surprise * change[p]
-                    mixed[k, p] += 0.5 * share * change[p]
-                    for q in range(p + 1):
-                        fisher[tile, p, q] += 0.5 * change[p] * change[q]
-        # The gains follow the parameters. Their information is diag(own) - stiffness / count, which the
-        # Sherman-Morrison formula inverts.
-        ones = 0.0
-        for k in range(count):
-            ones += 1.0 / own[k]
-        spread = 1.0 / max(1.0 - stiffness / count * ones, 1e-9)
-        for p in range(parameters):
-            for q in range(p + 1):
-                taken, left, right = 0.0, 0.0, 0.0
-                for k in range(count):
-                    taken += mixed[k, p] * mixed[k, q] / own[k]
-                    left += mixed[k, p] / own[k]
-                    right += mixed[k, q] / own[k]
-                fisher[tile, p, q] -= taken + stiffness / count * spread * left * right
-                fisher[tile, q, p] = fisher[tile, p, q]
 
 
 def information(
@@ -259,16 +174,23 @@ def information(
     slopes: NDArray[np.float32],
     fitted: tuple[FloatArray, FloatArray],
     stiffness: float,
-    *,
-    threads: int | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gradient (N, Q) of the nats of every tile and their Fisher information (N, Q, Q).
 
     The information is without what the gains take over. `slopes` (Q, K, F) are the derivatives of the logarithm of
     `tiles.expected` with respect to Q parameters; `fitted` are the gains and levels that :func:`fit_gains` returned.
     """
-    count, parameters = len(tiles.power), len(slopes)
-    gradient, fisher = np.empty((count, parameters)), np.empty((count, parameters, parameters))
-    given = tiles, slopes, fitted, stiffness
-    share_range(lambda first, stop: _information(first, stop, *given, gradient, fisher), count, threads)
-    return gradient, fisher
+    power, noise, expected, place, sectors = tiles
+    gains, levels = (each.astype(np.float32) for each in fitted)
+    signal = np.repeat(gains, np.diff(sectors), axis=1) * expected[place]
+    variance = signal + levels[:, None] * noise
+    share = signal / variance
+    surprise = (variance - HALF * power) / (variance + HALF * power)
+    change = np.moveaxis((share * slopes[:, place]).astype(np.float64), 0, 1)
+    gradient = np.einsum("nf,nqf->nq", surprise, change)
+    fisher = 0.5 * change @ np.swapaxes(change, 1, 2)
+    # The gains follow the parameters: what they take over is left out.
+    mixed = np.swapaxes(np.add.reduceat(0.5 * share[:, None] * change, sectors[:-1], axis=2), 1, 2)
+    own = np.add.reduceat(0.5 * np.square(share, dtype=np.float64), sectors[:-1], axis=1) + (stiffness + 1e-6)
+    of_gains = own[..., None] * np.eye(own.shape[1]) - stiffness / own.shape[1]
+    return gradient, fisher - np.swapaxes(mixed, 1, 2) @ np.linalg.solve(of_gains, mixed)

@@ -80,8 +80,7 @@ def imu_to_camera(name: str) -> FloatArray:
         raise InputError(
             f"there is no IMU orientation {name!r}; use one of {', '.join(PRESETS)}, or three letters like 'YxZ'"
         )
-    camera: FloatArray = np.array(GYROFLOW_TO_CAMERA, dtype=np.float64) @ orientation(PRESETS.get(name, name))
-    return camera
+    return np.array(GYROFLOW_TO_CAMERA, dtype=np.float64) @ orientation(PRESETS.get(name, name))
 
 
 def mountings() -> list[FloatArray]:

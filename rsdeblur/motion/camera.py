@@ -341,19 +341,14 @@ class Camera:
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         # The new x axis is the old -y axis, the new y axis the old x axis.
         quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-        turn: dict[ReadoutDirection, ReadoutDirection] = {
-            "left-right": "top-down",
-            "right-left": "bottom-up",
-            "top-down": "right-left",
-            "bottom-up": "left-right",
-        }
+        turned: tuple[ReadoutDirection, ...] = ("right-left", "left-right", "top-down", "bottom-up")
         return replace(
             self,
             width=self.height,
             height=self.width,
             focal_length=(fy, fx),
             principal_point=(self.height - 1 - cy, cx),
-            readout_direction=turn[self.readout_direction],
+            readout_direction=turned[READOUT_DIRECTIONS.index(self.readout_direction)],
             imu_to_camera=quarter @ self.imu_to_camera,
             distortion=lens.turned(self.distortion_model, self.distortion),
         )
@@ -371,13 +366,7 @@ class Camera:
         OutputError
             If the file cannot be written.
         """
-        table: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        table |= {
-            "focal_length": list(self.focal_length),
-            "principal_point": list(self.principal_point),
-            "imu_to_camera": self.imu_to_camera.tolist(),
-            "distortion": list(self.distortion),
-        }
+        table = {f.name: getattr(self, f.name) for f in fields(self)} | {"imu_to_camera": self.imu_to_camera.tolist()}
         with atomic_write(path) as file:
             file.write(b"# rsdeblur camera: px, s; camera axes x right, y down, z forward\n")
             file.write(tomlkit.dumps(table).encode())
@@ -406,8 +395,6 @@ class Camera:
         try:
             # A ValueError also where an integer has thousands of digits.
             table = tomllib.loads(read_file(path, "camera file").decode("utf-8-sig"))
-        except UnicodeDecodeError as error:
-            raise FileFormatError(f"{path}: not a TOML camera file: the text is not UTF-8; save it as UTF-8") from error
         except (ValueError, RecursionError) as error:
             raise FileFormatError(f"{path}: not a TOML camera file: {error}") from error
         known = [f.name for f in fields(cls)]

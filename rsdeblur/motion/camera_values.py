@@ -26,8 +26,8 @@ LARGEST = 1e12
 # Largest deviation from orthonormality. A rotation typed with four decimals deviates by 1e-4.
 ROTATION_TOLERANCE = 1e-3
 
-# Degrees along the longer side. Without fisheye distortion no lens for photos sees more; long telescopes see less.
-WIDEST, NARROWEST = 150.0, 3.0
+# Degrees along the longer side. Without fisheye distortion no lens for photos sees more.
+WIDEST = 150.0
 # s. The slowest sensors of cameras take 0.1 s.
 LONGEST_READOUT = 0.2
 # mm: diagonal of a 36 x 24 mm film frame, to which the 35 mm equivalent refers.
@@ -90,12 +90,6 @@ def rotation(value: ArrayLike | str) -> FloatArray:
 def doubts(camera: Camera) -> list[str]:
     """Return a sentence for each value that is a guess, or probably a mistake, with the probable intent."""
     found = mistakes(camera)
-    fx, fy = camera.focal_length
-    if (view := _field_of_view(camera)) < NARROWEST:
-        found.append(
-            f"a focal length of {max(fx, fy):g} px means a field of view of {view:.2g} degrees; was it measured in a "
-            "larger picture?"
-        )
     if camera.readout_sd > 0:
         ms, sd = 1e3 * camera.readout_time, 1e3 * camera.readout_sd
         found.append(
@@ -107,21 +101,15 @@ def doubts(camera: Camera) -> list[str]:
 
 def mistakes(camera: Camera) -> list[str]:
     """Return a sentence for each value whose unit is probably another one."""
-    found, view, seconds = [], _field_of_view(camera), camera.readout_time
+    found, (fx, fy), seconds = [], camera.focal_length, camera.readout_time
+    # Along the longer side, without distortion.
+    view = math.degrees(2 * math.atan(max(camera.width / fx, camera.height / fy) / 2))
     if camera.distortion_model != "fisheye" and view > WIDEST:
-        length = min(camera.focal_length)
-        equivalent = focal35_px(length, camera.width, camera.height)
         found.append(
-            f"a focal length of {length:g} px means a field of view of {view:.1f} degrees; is it in mm? It must be in "
-            "px: divide it by the width of a pixel on the sensor; a 35 mm equivalent of "
-            f"{length:g} mm means {equivalent:.0f} px"
+            f"a focal length of {min(fx, fy):g} px means a field of view of {view:.1f} degrees; is it in mm? It must "
+            "be in px: divide it by the width of a pixel on the sensor; a 35 mm equivalent of "
+            f"{min(fx, fy):g} mm means {focal35_px(min(fx, fy), camera.width, camera.height):.0f} px"
         )
     if seconds > LONGEST_READOUT:
         found.append(f"a readout time of {seconds:g} s is longer than that of any camera; did you mean {seconds:g} ms?")
     return found
-
-
-def _field_of_view(camera: Camera) -> float:
-    """Return the angle along the longer side in degrees, without distortion."""
-    fx, fy = camera.focal_length
-    return math.degrees(2 * math.atan(max(camera.width / fx, camera.height / fy) / 2))

@@ -100,8 +100,8 @@ def _straightened(bent: FloatArray, k: tuple[float, ...]) -> FloatArray:
     return np.where(right, theta, np.nan)
 
 
-def _radtan(plane: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
-    """Return the distorted points and the Jacobian (..., 2, 2): Brown (1971) with OpenCV's rational denominator."""
+def _radtan(plane: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
+    """Return the distorted points, and the Jacobian's xx, xy = yx, and yy: Brown (1971), OpenCV's denominator."""
     k1, k2, p1, p2, k3, k4, k5, k6 = (*k, *(0.0,) * (8 - len(k)))
     x, y = plane[..., 0], plane[..., 1]
     r2 = x * x + y * y
@@ -117,33 +117,27 @@ def _radtan(plane: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatA
         axis=-1,
     )
     cross = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
-    jacobian = np.stack(
-        [
-            np.stack([radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x, cross], axis=-1),
-            np.stack([cross, radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x], axis=-1),
-        ],
-        axis=-2,
-    )
-    return bent, jacobian
+    along_x = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+    along_y = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
+    return bent, (along_x, cross, along_y)
 
 
 def _flattened(points: FloatArray, k: tuple[float, ...]) -> FloatArray:
     """Return the undistorted points for distorted `points`; NaN where the lens has no image."""
     plane = points
     for _ in range(STEPS):
-        bent, j = _radtan(plane, k)
+        bent, (xx, xy, yy) = _radtan(plane, k)
         ex, ey = np.moveaxis(bent - points, -1, 0)
         # Cramer's rule. On a fold the determinant vanishes; such a point is marked invalid below.
-        determinant = j[..., 0, 0] * j[..., 1, 1] - j[..., 0, 1] * j[..., 1, 0]
-        determinant = np.where(determinant == 0, np.inf, determinant)
-        step = np.stack([j[..., 1, 1] * ex - j[..., 0, 1] * ey, j[..., 0, 0] * ey - j[..., 1, 0] * ex], axis=-1)
-        step = step / determinant[..., None]
+        determinant = xx * yy - xy * xy
+        step = np.stack([yy * ex - xy * ey, xx * ey - xy * ex], axis=-1)
+        step = step / np.where(determinant == 0, np.inf, determinant)[..., None]
         plane = plane - step
         if np.abs(step).max(initial=0.0) < TOLERANCE:
             break
-    bent, j = _radtan(plane, k)
+    bent, (xx, xy, yy) = _radtan(plane, k)
     # Beyond a fold the solution may be mirrored in one direction or in both.
-    folded = (j[..., 0, 0] * j[..., 1, 1] - j[..., 0, 1] * j[..., 1, 0] <= 0) | (j[..., 0, 0] + j[..., 1, 1] <= 0)
+    folded = (xx * yy - xy * xy <= 0) | (xx + yy <= 0)
     wrong = folded | ~(np.abs(bent - points).max(axis=-1) < 1e-9)
     return np.where(wrong[..., None], np.nan, plane)
 

@@ -7,15 +7,11 @@ scene at the mid-exposure of that row. Then q(t) is the position *in that pictur
     q = K C(mid(q_y)) C(t)^T K^-1 p,
 
 where K is the projection of the camera, with its lens distortion, and C(t) its orientation. With a
-:class:`~rsdeblur.Translation` the scene lies at one depth Z and the camera has the position P(t) (Sindelar and Sroubek
-2013, eq. 3):
-
-    q = K C(mid(q_y)) (C(t)^T K^-1 p + (P(t) - P(mid(q_y))) / Z)
-
-With a map of depths, Z is that of the point that p sees. The reference time depends on the row that q falls on.
-Fixed-point iteration finds it in a few steps, because a picture moves by far less than a row while a row is read. With
-`geometry="rectify"`, u is the picture of a global shutter at the mid-exposure of the middle row, `q = K C(mid) C(t)^T
-K^-1 p`, and the paths contain the skew in addition to the blur.
+:class:`~rsdeblur.Translation`, `(P(t) - P(mid(q_y))) / Z` is added to the direction `C(t)^T K^-1 p`, for the position
+P(t) of the camera and the depth Z of the point (Sindelar and Sroubek 2013, eq. 3). The reference time depends on the
+row that q falls on: fixed-point iteration finds it in a few steps, because a picture moves by far less than a row while
+a row is read. With `geometry="rectify"`, u is the picture of a global shutter at the mid-exposure of the middle row,
+`q = K C(mid) C(t)^T K^-1 p`, and the paths contain the skew in addition to the blur.
 """
 
 from __future__ import annotations
@@ -31,12 +27,13 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import once
 from rsdeblur.choices import GEOMETRIES, MOTIONS, Geometry, Motion
 from rsdeblur.errors import InputError
+from rsdeblur.kernels.poses import pinhole_paths, row_directions
 from rsdeblur.motion.arguments import check_recording, check_traceable
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.camera_values import MOST_PIXELS
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.track import OrientationTrack, RowPoses
+from rsdeblur.motion.track import OrientationTrack
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 
@@ -164,13 +161,13 @@ class Capture:
 
     @property
     @once
-    def row_poses(self) -> RowPoses:
-        """Poses of all rows, from half a height above the picture to half a height below; paths may leave it."""
+    def row_poses(self) -> FloatArray:
+        """Poses C [I | -P] at the mid-exposures of the rows from -H/2 on (2 H, 12); paths may leave the picture."""
         rows = np.arange(2.0 * self.camera.lines) - self.camera.lines // 2
         mid = self.mid(rows)
         rotations = self.track.at(mid)
         shifts = -rotations @ self.position(mid)[..., None]
-        return RowPoses(self.camera, np.concatenate([rotations, shifts], axis=-1).reshape(-1, 12))
+        return np.concatenate([rotations, shifts], axis=-1).reshape(-1, 12)
 
     def position(self, times: FloatArray) -> FloatArray:
         """Return the positions of the camera at given times; zeros without a translation.
@@ -438,8 +435,21 @@ def _lengths(displacements: FloatArray) -> FloatArray:
 def exposed_times(capture: Capture, rows: FloatArray, samples: int) -> FloatArray:
     """Return times spread evenly over the exposures of rows, with both ends, s; shape ``rows.shape + (samples,)``."""
     opens, closes = capture.exposure.window(rows, capture.camera)
-    times: FloatArray = opens[..., None] + (closes - opens)[..., None] * np.linspace(0.0, 1.0, samples)
-    return times
+    return opens[..., None] + (closes - opens)[..., None] * np.linspace(0.0, 1.0, samples)
+
+
+def shown_at(capture: Capture, world: FloatArray, guess: FloatArray, steps: int) -> FloatArray:
+    """Return the pixels (x, y), (..., 2), at which points `world` (..., 3) appear, each by the pose of its row.
+
+    Points are directions in world axes, or places in units of the scene's depth. The fixed-point iteration begins at
+    the rows of a `guess`. Poses are interpolated linearly between rows, from one of which to the next they differ by at
+    most 1e-4 rad in a picture of thousands of rows.
+    """
+    pixels = np.broadcast_to(guess, (*world.shape[:-1], 2))
+    for _ in range(steps if capture.camera.readout_time > 0 else 1):
+        # A point that the lens does not show has no row: any pose will do, as its position stays NaN.
+        pixels = capture.camera.project(row_directions(world, pixels[..., 1], capture.row_poses))
+    return pixels
 
 
 def _rotation_paths(
@@ -452,8 +462,12 @@ def _rotation_paths(
         world = np.einsum("btji,bsj->bsti", orientation, scene) + (position - capture.position(capture.middle))[:, None]
         return points[:, :, None] - camera.project(world @ capture.track.at(capture.middle).T)
     # The reference orientation of the pixel's own row is nearly right.
-    steps = FIXED_POINT_STEPS if camera.readout_time > 0 else 1
-    return capture.row_poses.paths(orientation, position, scene, (rows, cols), steps=steps)
+    if camera.distortion_model == "none":
+        pinhole = *camera.focal_length, *camera.principal_point
+        steps = FIXED_POINT_STEPS if camera.readout_time > 0 else 1
+        return pinhole_paths(orientation, position, scene, rows, cols, capture.row_poses, pinhole, steps)
+    world = np.einsum("btji,bsj->bsti", orientation, scene) + position[:, None]
+    return points[:, :, None] - shown_at(capture, world, points[:, :, None], FIXED_POINT_STEPS)
 
 
 def _small_angle_paths(
@@ -476,5 +490,4 @@ def small_angle_displacements(
     shifts = capture.position(times) - capture.position(reference)[..., None, :]
     # The picture moves by f (-theta_y, +theta_x), and opposite to the camera's translation.
     turns = np.stack([-angles[..., 1], angles[..., 0]], axis=-1)
-    d: FloatArray = (turns - shifts[..., :2] / depth[..., None, None]) * capture.camera.focal_length
-    return d
+    return (turns - shifts[..., :2] / depth[..., None, None]) * capture.camera.focal_length

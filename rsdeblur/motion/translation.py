@@ -214,8 +214,7 @@ class Translation:
 
         inverse = self.middle_depth / self.depth
         places = [place * (n - 1) for place, n in zip((down, across), inverse.shape, strict=True)]
-        depth: FloatArray = 1 / ndimage.map_coordinates(inverse, places, order=1, mode="nearest")
-        return depth
+        return 1 / ndimage.map_coordinates(inverse, places, order=1, mode="nearest")
 
     def cropped(self, camera: Camera, left: int, top: int, width: int, height: int) -> Translation:
         """Return the track for a part of the picture, see :meth:`rsdeblur.Camera.cropped`.
@@ -366,5 +365,4 @@ class Trajectory:
 
         # A track may begin or end by a tick of the clock inside the exposure.
         time = float(np.clip(time, times[0], times[-1]))
-        matrix: FloatArray = Slerp(times, Rotation.from_quat(self.quaternion))(time).as_matrix()
-        return matrix
+        return Slerp(times, Rotation.from_quat(self.quaternion))(time).as_matrix()

@@ -41,11 +41,6 @@ class Triage:
     keep: float = KEEP
     drop: float = DROP
 
-    def __post_init__(self) -> None:
-        lengths = np.array(self.lengths, dtype=np.float64)
-        lengths.setflags(write=False)
-        object.__setattr__(self, "lengths", lengths)
-
     def __len__(self) -> int:
         return len(self.reasons)
 
@@ -120,7 +115,9 @@ def triage(
         blurs.append(blur_of(log, camera, exposure))
         if progress is not None:
             progress("measure all exposures", (i + 1) / len(exposures))
-    return Triage(np.array([length for length, _ in blurs]), tuple(reason for _, reason in blurs), keep, drop)
+    lengths = np.array([length for length, _ in blurs], dtype=np.float64)
+    lengths.setflags(write=False)
+    return Triage(lengths, tuple(reason for _, reason in blurs), keep, drop)
 
 
 def check_thresholds(keep: float, drop: float) -> tuple[float, float]:

@@ -17,7 +17,6 @@ from rsdeblur.choices import (
     Geometry,
     Mode,
     Motion,
-    Planning,
     Prior,
     Quality,
     Saturation,
@@ -62,7 +61,6 @@ def deblur(
     saturation: Saturation = "auto",
     check: bool = True,
     fallback: bool = False,
-    planning: Planning = "estimate",
     threads: int | None = None,
     max_memory: int | None = None,
     out: NDArray[Any] | None = None,
@@ -149,9 +147,6 @@ def deblur(
         Assess the result without a reference.
     fallback : bool, default False
         Blend the result towards the input if the check finds it bad; not with ``geometry="rectify"``.
-    planning : {"estimate", "measure"}
-        How FFTW plans: at once, or by measuring, up to a second per plan. Measured plans are kept while the
-        process runs. Only with "measure" do the bits of a result depend on what was planned before.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
     max_memory : int, optional
@@ -194,7 +189,7 @@ def deblur(
         quality=quality, mode=mode, bands=bands, strips=strips, prior=prior, weight=weight, exponent=exponent, nsr=nsr,
         noise=noise, chroma=chroma, geometry=geometry, border=border, motion=motion,
         translation=translation, softness=softness, refine=refine, transfer=transfer, normalize=normalize,
-        saturation=saturation, check=check, fallback=fallback, planning=planning, threads=threads,
+        saturation=saturation, check=check, fallback=fallback, threads=threads,
         max_memory=max_memory,
     )  # fmt: skip
     planned = plan_for(image, log, camera, exposure, options, progress=progress)

@@ -60,7 +60,7 @@ def deconvolve(
         See :func:`rsdeblur.deblur`.
     **options
         `quality`, `prior`, `weight`, `exponent`, `nsr`, `noise`, `border`, `transfer`, `normalize`, `saturation`,
-        `check`, `planning`, `threads` and `max_memory` of :class:`rsdeblur.Options`. A border of "auto" is "unknown",
+        `check`, `threads` and `max_memory` of :class:`rsdeblur.Options`. A border of "auto" is "unknown",
         but "blend" with ``prior="wiener"`` or `max_memory`. With "periodic", the automatic strengths take it that the
         picture was blurred so.
 
@@ -110,7 +110,10 @@ def deconvolve_with(
         solved = options.prior_in_effect != "wiener" and options.max_memory is None
         options = replace(options, border="unknown" if solved else "blend")
     encoded = EncodedImage.of(image, options.transfer)
-    bank = _bank(psf, encoded.shape)
+    try:
+        bank = psf if isinstance(psf, PsfBank) else PsfBank.for_picture(psf, encoded.shape)
+    except InputError as error:
+        raise InputError(f"psf: {error}") from error
     check_bank(bank, encoded.shape)
     if options.check:
         for remark in _remarks(encoded, bank, options):
@@ -193,15 +196,6 @@ def _left(stored: NDArray[np.float32], bank: PsfBank, options: Options) -> float
     inner = np.s_[tall:-tall, wide:-wide]
     again = from_linear(blurred[inner].clip(0, None), transfer)
     return float(np.sqrt(np.square(again - stored[inner])[stored[inner] < 1].mean()))
-
-
-def _bank(psf: ArrayLike | PsfBank, shape: tuple[int, ...]) -> PsfBank:
-    if isinstance(psf, PsfBank):
-        return psf
-    try:
-        return PsfBank.for_picture(psf, shape)
-    except InputError as error:
-        raise InputError(f"psf: {error}") from error
 
 
 def mode_of(bank: PsfBank) -> Mode:

@@ -25,8 +25,6 @@ from rsdeblur.types import FloatArray
 # what they leave by STEP_ROWS, px, at half the size as many of these. (docs/developer/decisions.md)
 DECAY_REACH, LEAST_REACH = 0.64, 2.5
 PRIOR_REACH, STEP_ROWS = 4.0, 32
-# Longest side of the parts in which a burst predicts frames, px, which bounds the memory for their OTFs.
-LONGEST = 1024
 # Bytes that do not grow with the chunk: buffers of threads and of libraries.
 FIXED = 48 << 20
 LEAST_ROWS = 16
@@ -41,7 +39,7 @@ def plan_chunks(solver: ChunkSolver, shape: tuple[int, int, int], max_memory: in
     if max_memory is None:
         whole = slice(0, height)
         return [Chunk(whole, whole, bank)]
-    count, most = 1, _most_chunks(height)
+    count, most = 1, -(-height // LEAST_ROWS)
     while True:
         parts = _parts(solver, height, count)
         needed = max(_bytes(solver, source, shape) for source, _ in parts)
@@ -49,24 +47,23 @@ def plan_chunks(solver: ChunkSolver, shape: tuple[int, int, int], max_memory: in
             # Merged in a chunk, tiles of the colours would lie elsewhere than in the next one.
             is_halved = options.mode_in_effect != "rowwise" and chroma_of(options, bank.size, shape) == "half"
             half = halved(bank, threads=options.threads) if is_halved else None
-            return [_chunk(bank, half, source, target) for source, target in parts]
+            return [
+                Chunk(source, target, part_of(bank, source), None if half is None else part_of(half, _halved(source)))
+                for source, target in parts
+            ]
         if count == most:
             raise InputError(
-                f"max_memory is {_mebibytes(max_memory)}, but even {LEAST_ROWS} rows of "
-                f"{'this picture' if solver.count == 1 else f'{solver.count} frames'} need {_mebibytes(needed)} with "
-                f"PSFs of {bank.size[1]}x{bank.size[0]} px; fewer strips or bands need less"
+                f"max_memory is {max_memory / 2**20:.0f} MiB, but even {LEAST_ROWS} rows of "
+                f"{'this picture' if solver.count == 1 else f'{solver.count} frames'} need {needed / 2**20:.0f} MiB "
+                f"with PSFs of {bank.size[1]}x{bank.size[0]} px; fewer strips or bands need less"
             )
         count = min(most, count + 1 + count // 8)
 
 
 def least_memory(solver: ChunkSolver, shape: tuple[int, int, int]) -> int:
     """Return the bytes that the smallest chunks of a picture need."""
-    parts = _parts(solver, shape[0], _most_chunks(shape[0]))
+    parts = _parts(solver, shape[0], -(-shape[0] // LEAST_ROWS))
     return max(_bytes(solver, source, shape) for source, _ in parts)
-
-
-def _most_chunks(height: int) -> int:
-    return -(-height // LEAST_ROWS)
 
 
 def _parts(solver: ChunkSolver, height: int, count: int) -> list[tuple[slice, slice]]:
@@ -77,12 +74,11 @@ def _parts(solver: ChunkSolver, height: int, count: int) -> list[tuple[slice, sl
     return [(slice(max(a - reach, 0) // 2 * 2, min(b + reach, height)), slice(a, b)) for a, b in pairwise(edges)]
 
 
-def _chunk(bank: PsfBank, half: PsfBank | None, source: slice, target: slice) -> Chunk:
-    half_source = slice(source.start // 2, -(-source.stop // 2))
-    return Chunk(source, target, _part(bank, source), None if half is None else _part(half, half_source))
+def _halved(rows: slice) -> slice:
+    return slice(rows.start // 2, -(-rows.stop // 2))
 
 
-def _part(bank: PsfBank, rows: slice) -> PsfBank:
+def part_of(bank: PsfBank, rows: slice) -> PsfBank:
     """Return the PSFs that affect some rows, at places counted from the first of them."""
     bands = affecting(bank.rows, rows)
     paths = None if bank.displacements is None else bank.displacements[bands]
@@ -142,8 +138,7 @@ def _bytes(solver: ChunkSolver, source: slice, shape: tuple[int, int, int]) -> i
         filters = (4.0 * together + 2.0) * tiles + 4.0 * tiles / strips
     if frames > 1:
         pictures += 4.0  # the next frame, the solution of the first one and its blur
-        # The prediction of what a frame does not show has OTFs of its own.
-        filters += 4.0 * tiles * min(1.0, (LONGEST + 2 * wide) / width)
+        filters += 4.0 * tiles  # the prediction of what a frame does not show has OTFs of its own
     return int(FIXED + pictures * picture + filters + 8.0 * length * row)
 
 
@@ -152,7 +147,3 @@ def _tile_length(centres: FloatArray, n: int, kernel: int, margin: float) -> flo
     ends = np.concatenate([[0.0], centres, [n]])
     # Transforms are up to a tenth longer than needed, because only some lengths are fast.
     return 1.1 * min(float((ends[2:] - ends[:-2]).max()) + margin * kernel, n + kernel)
-
-
-def _mebibytes(size: int) -> str:
-    return f"{size / 2**20:.0f} MiB"

@@ -20,7 +20,6 @@ from rsdeblur.choices import (
     Geometry,
     Mode,
     Motion,
-    Planning,
     Prior,
     Quality,
     Saturation,
@@ -42,7 +41,7 @@ def _option(default: Any, section: str | None = None, text: str | None = None, *
     """Return a field with its section and text in the help of commands, which have no option for a field without.
 
     `choices` are the values, `kind` names the check of a number (`_checks`), `modes` are those with an effect, `shown`
-    is the default as the help prints it, and `basic` adds the option to the short help.
+    is the default as the help prints it.
     """
     return field(default=default, metadata={"section": section, "help": text, **facts})
 
@@ -71,7 +70,6 @@ class Options:
         SOLVER,
         "Mode and prior together: banded with wiener, or auto or rowwise with hyper-laplacian.",
         choices=tuple(choices.QUALITIES),
-        basic=True,
     )
     mode: Mode | Auto | None = _option(
         None,
@@ -80,7 +78,6 @@ class Options:
         "within its height.",
         choices=("auto", *choices.MODES),
         shown="by --quality",
-        basic=True,
     )
     bands: Count = _option(
         "auto", BLUR, "Number of bands, which divide the picture along the readout.", kind="count", modes=("banded",)
@@ -157,7 +154,6 @@ class Options:
     )
     check: bool = _option(True)
     fallback: bool = _option(False, SOLVER, "Blend the result towards the photo if the check finds it bad.")
-    planning: Planning = _option("estimate", choices=choices.PLANNINGS)
     threads: int | None = _option(None, COMPUTING, "Number of threads.  [default: all cores]", kind="threads")
     max_memory: int | None = _option(
         None,
@@ -227,6 +223,7 @@ class Options:
             "geometry rectify": self.geometry == "rectify",
             "refine": self.refine,
             "normalize": self.normalize,
+            "saturation always": self.saturation == "always",
             f"border {boundary}": boundary is not None,
         }
         for text, needs_all in whole.items():

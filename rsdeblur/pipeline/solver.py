@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from rsdeblur.choices import DENOISERS, Chroma
-from rsdeblur.deconv.chroma import HalfChroma, Solve, half_shape, halved, halved_rows, luma_share, suits_half
+from rsdeblur.deconv.chroma import Solve, half_chroma, half_shape, halved, halved_rows, luma_share, suits_half
 from rsdeblur.deconv.plug_and_play import PlugAndPlayPrior, named_denoiser
 from rsdeblur.deconv.priors import DerivativePrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
@@ -87,7 +87,6 @@ class PictureSolver:
         return {
             "nsr": self.strengths.nsr,
             "border": options.border_in_effect,
-            "planning": options.planning,
             "threads": options.threads,
         }
 
@@ -120,19 +119,22 @@ class PictureSolver:
 
     def _exact(self, blur: PsfBank | BlurPaths, shape: tuple[int, int, int]) -> Solve:
         """Plan a solver of rows, of which the paths are given, or of tiles."""
-        return self._rows(blur, shape) if isinstance(blur, BlurPaths) else self._tiles(blur, shape)
-
-    def _tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> Solve:
         prior = self.latent_prior
+        if isinstance(blur, BlurPaths):
+            assert self.capture is not None, "the paths come from it"
+            # Of all rows of the picture, not only of these; paths between those of the probe are hardly longer.
+            width = shape[1]
+            longest = float(self.capture.probe.extent[1]) * width / self.capture.camera.width
+            reach = min(int(longest) + 2, (width - 1) // 2)
+            rows = RowDeconvolver(blur, shape, reach=reach, **self.engine)
+            return lambda light, progress: rows.apply(light, prior=prior, progress=progress)
         if prior is None:
-            wiener = Deconvolver(bank, shape, **self.engine)
+            wiener = Deconvolver(blur, shape, **self.engine)
             return lambda light, progress: wiener.apply(light, progress=progress)
-        quadratic = TileQuadratic(bank, shape, **self.engine)
+        quadratic = TileQuadratic(blur, shape, **self.engine)
         return lambda light, progress: quadratic.apply(light, prior=prior, progress=progress)
 
-    def _half_chroma(
-        self, blur: PsfBank | BlurPaths, half: PsfBank | BlurPaths, shape: tuple[int, int, int]
-    ) -> HalfChroma:
+    def _half_chroma(self, blur: PsfBank | BlurPaths, half: PsfBank | BlurPaths, shape: tuple[int, int, int]) -> Solve:
         """Plan a solver of the brightness, and one of the picture at half size, which has the blur `half`."""
         threads, strengths = self.options.threads, self.strengths
         share = luma_share(self.options.prior_in_effect, self.options.exponent)
@@ -141,12 +143,8 @@ class PictureSolver:
         else:
             own = replace(strengths, weight=share * strengths.weight)
         luma = replace(self, strengths=own)
-        return HalfChroma(
-            luma._exact(blur, (*shape[:2], 1)),
-            self._exact(half, half_shape(shape)),
-            peak=strengths.peak,
-            threads=threads,
-        )
+        exact = luma._exact(blur, (*shape[:2], 1)), self._exact(half, half_shape(shape))
+        return half_chroma(*exact, peak=strengths.peak, threads=threads)
 
     def _open_border(self, bank: PsfBank, shape: tuple[int, int, int]) -> Solve:
         """Plan a solver for which what lies beyond the frame is unknown."""
@@ -157,7 +155,6 @@ class PictureSolver:
             extended_shape(shape, bank),
             recorded=(height, width),
             nsr=self.strengths.nsr,
-            planning=self.options.planning,
             threads=self.options.threads,
         )
 
@@ -174,15 +171,6 @@ class PictureSolver:
         first = chunk.source.start
         paths = BlurPaths.every_row(self.capture, chunk.bank.cols, within=slice(first, first + height))
         return replace(paths, rows=paths.rows - first)
-
-    def _rows(self, paths: BlurPaths, shape: tuple[int, int, int]) -> Solve:
-        assert self.capture is not None, "the paths come from it"
-        # Of all rows of the picture, not only of these; paths between those of the probe are hardly longer.
-        width = shape[1]
-        longest = float(self.capture.probe.extent[1]) * width / self.capture.camera.width
-        reach = min(int(longest) + 2, (width - 1) // 2)
-        rows = RowDeconvolver(paths, shape, reach=reach, **self.engine)
-        return lambda light, progress: rows.apply(light, prior=self.latent_prior, progress=progress)
 
 
 def chroma_of(options: Options, size: tuple[int, int], shape: tuple[int, int, int]) -> Chroma:

@@ -26,7 +26,7 @@ from rsdeblur.motion.paths import Capture
 from rsdeblur.pipeline.memory import plan_chunks
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import ChunkSolver, Strengths
-from rsdeblur.pipeline.tiles import Blur, few_psfs, highlight_bank
+from rsdeblur.pipeline.tiles import Blur, few_psfs, psfs_of
 from rsdeblur.psf import PsfBank
 from rsdeblur.tuning.strength import Tuning
 from rsdeblur.types import FloatArray, FloatImage, Progress, StageProgress
@@ -83,7 +83,7 @@ def split_highlights(
     if options.saturation_in_effect == "ignore":
         return whole
     found = [
-        (spots, highlight_bank(blur, threads=options.threads) if spots else None)
+        (spots, psfs_of(blur, threads=options.threads) if spots else None)
         for spots, blur in zip(map(find_spots, frames), blurs, strict=True)
     ]
     small = [([] if psfs is None else small_spots(spots, psfs), psfs) for spots, psfs in found]
@@ -95,14 +95,7 @@ def split_highlights(
     for n, (spots, psfs) in enumerate(small):
         if spots and psfs is not None:
             with clock.stage("highlights"):
-                whole[n] = separate_highlights(
-                    frames[n],
-                    spots,
-                    psfs,
-                    threads=options.threads,
-                    max_memory=options.max_memory,
-                    progress=clock.within("highlights", n, len(frames)),
-                )
+                whole[n] = separate_highlights(frames[n], spots, psfs, threads=options.threads)
     return whole
 
 
@@ -192,8 +185,7 @@ def solve_chunks(
     coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, split.encoded.shape[:2])
     # Linear methods, of which the published filter is one, stay linear.
     is_corrected = options.prior_in_effect not in LINEAR_PRIORS
-    memory = None if options.max_memory is None else options.max_memory - split.nbytes
-    chunks = plan_chunks(solver, split.encoded.shape, memory)
+    chunks = plan_chunks(solver, split.encoded.shape, options.max_memory)
     for n, chunk in enumerate(chunks):
         first = chunk.source.start
         linear = split.remainder(chunk.source, threads=threads) if light is None else light[chunk.source]

@@ -69,17 +69,16 @@ def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: f
 
 def few_psfs(blur: Blur, *, threads: int | None) -> PsfBank:
     """Return a few PSFs that are spread over the picture, for automatic strengths; all PSFs that are given."""
-    if isinstance(blur, PsfBank):
-        return blur
-    bands, strips = min(KERNELS, blur.camera.height), min(KERNELS, blur.camera.width)
-    return PsfBank.from_paths(tile_paths(blur, "banded", bands, strips, 1.0), threads=threads)
+    return psfs_of(blur, KERNELS, KERNELS, threads=threads)
 
 
-def highlight_bank(blur: Blur, *, threads: int | None) -> PsfBank:
-    """Return the PSFs with which the highlights of a picture are separated."""
+def psfs_of(blur: Blur, bands: Count = "auto", strips: Count = "auto", *, threads: int | None) -> PsfBank:
+    """Return the PSFs of tiles, as many as there are rows and columns at most; all PSFs that are given."""
     if isinstance(blur, PsfBank):
         return blur
-    return PsfBank.from_paths(tile_paths(blur, "banded", "auto", "auto", NSR), threads=threads)
+    bands = bands if bands == "auto" else min(bands, blur.camera.height)
+    strips = strips if strips == "auto" else min(strips, blur.camera.width)
+    return PsfBank.from_paths(tile_paths(blur, "banded", bands, strips, NSR), threads=threads)
 
 
 def tile_errors(capture: Capture) -> tuple[float, float]:

@@ -32,19 +32,16 @@ MOST = 12, 9  # rows and columns of kernels in one drawing; more would have no r
 BUDGET = 9 * 2**20
 LEAST = 0.1  # px, where the logarithmic axis starts; shorter paths are drawn there
 COLOURS: dict[str, str] = dict(zip(DECISIONS, ("#2a9d5c", "#2b7bba", "#c8443c", "#8a8a8a"), strict=True))
+# The colours of a page, which `page.css` lists.
 STYLE = (
-    "text{font:12px sans-serif;fill:#333}.ground{fill:#fff}.frame{fill:none;stroke:#999}.grid{stroke:#ddd}"
-    ".limit{stroke:#333;stroke-dasharray:5 4}"
-    "@media(prefers-color-scheme:dark){text{fill:#ddd}.ground{fill:#15171a}.frame{stroke:#777}.grid{stroke:#363b42}"
-    ".limit{stroke:#ddd}}"
+    "text{font:12px system-ui,sans-serif;fill:#1d2126}.ground{fill:#fbfaf7}.frame{fill:none;stroke:#5b6470}"
+    ".grid{stroke:#dcdad3}.limit{stroke:#1d2126;stroke-dasharray:5 4}@media(prefers-color-scheme:dark){"
+    "text{fill:#e6e4df}.ground{fill:#15171a}.frame{stroke:#a2a9b3}.grid{stroke:#363b42}.limit{stroke:#e6e4df}}"
 )
 
 
 def rgb8(name: str, image: Display) -> Image.Image:
-    """Return display values in [0, 1], grey or RGB, as an 8-bit RGB picture; alpha is left out.
-
-    Refuse an array without the shape of a picture; the message calls it `name`.
-    """
+    """Return display values in [0, 1], called `name` in messages, as an 8-bit RGB picture without alpha."""
     values = np.asarray(image)
     if values.ndim == 2:
         values = values[..., None]
@@ -282,14 +279,6 @@ def thumbnail_uri(image: Image.Image, side: int) -> str:
     return _uri(image)
 
 
-def weight_map_uri(picture: Display, weights: Display) -> str:
-    """Encode a grey thumbnail of a picture, tinted where a frame of a burst does not count; weights are 0 to 1."""
-    grey = rgb8("the picture", picture).convert("L").convert("RGB")
-    shares = rgb8("the weights", 0.7 * (1.0 - np.asarray(weights))).convert("L")
-    grey.paste(MARKS[0], None, shares.resize(grey.size, Image.Resampling.BILINEAR))
-    return thumbnail_uri(grey, 400)
-
-
 def bank_data(bank: PsfBank) -> dict[str, Any]:
     """Return an evenly spaced selection of the kernels as one grey picture, with their places, for a page."""
     rows, cols, kernels = Trails.of(bank)
@@ -319,36 +308,33 @@ def timeline_svg(times: Sequence[float | None], triage: Triage) -> bytes:
     lengths = np.nan_to_num(triage.lengths, nan=LEAST).clip(LEAST)
     most = 10.0 ** np.ceil(np.log10(max([1.0, 2 * triage.keep, *lengths])))
     known = [time for time in times if time is not None] or [0.0]
-    ends = min(known), max(max(known), min(known) + 1e-9)
-    radius = 3.5 if len(known) < 100 else 2.5
+    # The first and the last dot are inside the frame.
+    ends, inside = (min(known), max(max(known), min(known) + 1e-9)), (left + 10, right - 10)
 
     def down(length: float) -> float:
         return float(np.interp(np.log10(length), np.log10([LEAST, most]), [bottom, top]))
 
-    def across(time: float) -> float:
-        # The first and the last dot are inside the frame.
-        return float(np.interp(time, ends, [left + 10, right - 10]))
-
     def text(x: float, y: float, words: str, anchor: str = "start") -> str:
         return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{words}</text>'
 
-    def line(kind: str, length: float) -> str:
-        return f'<path class="{kind}" d="M{left} {down(length):.1f}H{right}"/>'
+    def line(kind: str, length: float, x: float, rise: float, words: str) -> str:
+        path = f'<path class="{kind}" d="M{left} {down(length):.1f}H{right}"/>'
+        return path + text(x, down(length) + rise, words, "end")
 
     def dot(x: float, y: float, r: float, decision: str) -> str:
         return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{r}" fill="{COLOURS[decision]}"/>'
 
-    parts = [f"<style>{STYLE}</style>", '<rect class="ground" width="100%" height="100%"/>']
-    for tick in 10.0 ** np.arange(np.log10(LEAST), np.log10(most) + 1):
-        parts += [line("grid", tick), text(left - 6, down(tick) + 4, f"{tick:g}", "end")]
-    for limit, meaning in ((triage.keep, "keep up to"), (triage.drop, "drop above")):
-        if LEAST <= limit <= most:
-            parts += [line("limit", limit), text(right - 6, down(limit) - 4, f"{meaning} {limit:g} px", "end")]
+    parts = [f'<style>{STYLE}</style><rect class="ground" width="100%" height="100%"/>']
+    ticks = 10.0 ** np.arange(np.log10(LEAST), np.log10(most) + 1)
+    parts += [line("grid", tick, left - 6, 4, f"{tick:g}") for tick in ticks]
+    limits = {f"keep up to {triage.keep:g} px": triage.keep, f"drop above {triage.drop:g} px": triage.drop}
+    parts += [line("limit", at, right - 6, -4, words) for words, at in limits.items() if LEAST <= at <= most]
     for time, length, decision in zip(times, lengths, triage.decisions, strict=True):
         if time is not None:
-            parts.append(dot(across(time), down(length), radius, decision))
+            x, r = float(np.interp(time, ends, inside)), 3.5 if len(known) < 100 else 2.5
+            parts.append(dot(x, down(length), r, decision))
     parts.append(f'<path class="frame" d="M{left} {top}H{right}V{bottom}H{left}Z"/>')
-    parts += [text(across(tick), bottom + 16, f"{tick:.3g}", "middle") for tick in np.linspace(*ends, 5)]
+    parts += [text(np.interp(t, ends, inside), bottom + 16, f"{t:.3g}", "middle") for t in np.linspace(*ends, 5)]
     parts += [text((left + right) / 2, bottom + 34, "time, s", "middle"), text(8, 20, "longest path, px")]
     for i, decision in enumerate(DECISIONS):
         x, label = left + 140 + 130 * i, f"{decision}: {triage.counts[decision]}"

@@ -1,27 +1,23 @@
-"""Facts about results, captures and files, as data for JSON and pages, and in words; what limits a result."""
+"""Facts about results, captures and files, as data for JSON and pages, and in words."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rsdeblur.choices import DROP
 from rsdeblur.errors import FileFormatError, RsdeblurError, RsdeblurWarning
 from rsdeblur.estimate.refine import Refinement
-from rsdeblur.image.highlights import at_full_scale
 from rsdeblur.io import open_camera, open_gyro, read_acceleration, read_picture
 from rsdeblur.io.camera_file import CameraFile
 from rsdeblur.io.cameras import detect_camera_format
 from rsdeblur.io.captures import FORMATS, WHAT, clock_facts, open_captures
 from rsdeblur.io.columns import choice_for, choices_of
-from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.gyroflow import is_profile
 from rsdeblur.io.metadata import MAKE, MODEL, Exif, shown_time
@@ -40,11 +36,6 @@ if TYPE_CHECKING:
     from rsdeblur.calibration import Calibration
     from rsdeblur.estimate.time_offset import OffsetSearch
     from rsdeblur.video.plan import ClipPlan
-
-Level = Literal["warning", "note", "good"]
-LEVELS: tuple[Level, ...] = ("warning", "note", "good")
-# How much verdicts limit a result; others are warnings.
-VERDICT_LEVELS: dict[str, Level] = {"good": "good", "cannot tell": "note", "not checked": "note"}
 
 AXES = {
     "phone": "phone: x right, y up, z out of the screen",
@@ -180,11 +171,7 @@ def correction_text(facts: Mapping[str, Any]) -> str:
 
 
 def similarity(image: FloatImage, truth: FloatImage) -> dict[str, float | None]:
-    """Return PSNR in dB and SSIM of display values in [0, 1], without borders and alpha.
-
-    PSNR is None for equal pictures, because JSON has no infinity. SSIM uses the Gaussian window of its authors (Wang
-    et al. 2004).
-    """
+    """Return PSNR in dB (None for equal pictures) and SSIM (of Wang et al. 2004) of display values, without borders."""
     # Slow to load, and few commands need it.
     from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
@@ -213,10 +200,7 @@ def plain(value: Any, digits: int = 6) -> str:
 
 
 def readout_data(camera: Camera, exposure: Exposure) -> dict[str, Any]:
-    """Return the axis of the readout, its number of lines, and when they are exposed, in ms after the first one opens.
-
-    ``opens`` contains the times of the first and the last line along that axis, ``duration`` is that of every line.
-    """
+    """Return axis and lines of the readout, when its first and last line open, and how long each is exposed, in ms."""
     opens, _ = exposure.window(np.array([0.0, camera.lines - 1.0]), camera)
     return {
         "axis": "x" if camera.horizontal_readout else "y",
@@ -249,73 +233,6 @@ def motion_data(log: GyroLog, camera: Camera, exposure: Exposure) -> dict[str, A
         "t": np.round(1e3 * (t[near] - start), 4).tolist(),
         "rates": np.round(rates[near].T, 6).tolist(),
     }
-
-
-class Finding(NamedTuple):
-    """Outcome of one check: how much it limits the result, its subject in a word or two, and sentences."""
-
-    level: Level
-    subject: str
-    text: str
-
-
-def findings(
-    pixels: NDArray[Any],  # of the blurred picture as stored
-    log: GyroLog,
-    camera: Camera,
-    exposure: Exposure,
-    *,
-    psf: tuple[int, int],  # height and width of the largest PSF, px
-    checks: Mapping[str, Mapping[str, Any]] | None = None,  # fields of the `QualityCheck` of each mode
-    unseen: float = 0.0,  # share of the result that was never exposed
-    can_split: bool = False,  # whether --saturation always would change the result
-) -> list[Finding]:
-    """Return what in log, photo and blur limits the result, and the verdicts of the check."""
-    outcomes = [*_of_log(log, camera, exposure), *_of_picture(pixels, psf, can_split)]
-    for mode, check in (checks or {}).items():
-        verdict = check["verdict"]
-        text = f"The check finds it {verdict}."
-        if verdict == "cannot tell":
-            text = "The check cannot tell whether it is right."
-        level = VERDICT_LEVELS.get(verdict, "warning")
-        outcomes.append(Finding(level, f"Result, {mode}", " ".join((text, *check["reasons"]))))
-    if unseen > 0:
-        text = f"{unseen:.1%} of the straightened picture was never exposed and is filled in from its neighbours."
-        outcomes.append(Finding("note", "Unexposed parts", text))
-    return outcomes
-
-
-def _of_log(log: GyroLog, camera: Camera, exposure: Exposure) -> Iterator[Finding]:
-    t, _ = rates_in_camera(log, camera, exposure.epoch_ns)
-    opens, closes = exposure.span(camera)
-    if min(opens - t[0], t[-1] - closes) < 0.02:  # s
-        yield Finding("note", "Coverage", "The log leaves little room for a different time offset.")
-    # A hand's tremor reaches 12 Hz; with fewer samples, the motion between them is guesswork.
-    if exposure.duration * log.rate < 4 and log.rate < 50.0:
-        text = f"The log has {log.rate:.3g} samples per second; the motion between them is interpolated."
-        yield Finding("warning", "Sampling", text)
-    # A sensor at its limit repeats it. One of coarse resolution repeats small rates.
-    limit = np.abs(log.omega).max(axis=0)
-    inside = np.abs(log.omega[(t >= opens) & (t <= closes)])
-    for axis in np.flatnonzero((limit > 4.0) & ((inside == limit).sum(axis=0) >= 3)):
-        text = f"The rate about {'xyz'[axis]} stays at {limit[axis]:.3g} rad/s, probably the gyroscope's limit."
-        yield Finding("warning", "Gyro saturation", text)
-
-
-def _of_picture(pixels: NDArray[Any], psf: tuple[int, int], can_split: bool) -> Iterator[Finding]:
-    colours = pixels if pixels.ndim == 2 else pixels[..., : 3 if pixels.shape[2] >= 3 else 1]
-    clipped = at_full_scale(colours)
-    share = float(np.mean(clipped if clipped.ndim == 2 else clipped.any(axis=2)))
-    # Below a thousandth, the result does not visibly suffer.
-    if share > 1e-3:
-        remedy = ", fewer with --saturation always" if can_split else ""
-        text = f"{share:.2%} of the pixels are clipped at white: expect waves around highlights{remedy}."
-        yield Finding("warning", "Saturation", text)
-    largest = f"The largest PSF is {psf[1]} x {psf[0]} px"
-    if max(psf) > DROP:
-        yield Finding("warning", "Motion", f"{largest}, too large for a faithful result: many frequencies are lost.")
-    elif max(psf) <= 3:  # px, one pixel and its margin
-        yield Finding("note", "Motion", f"{largest}: there is hardly any blur to remove.")
 
 
 def describe(path: Path, reading: Mapping[str, Any]) -> dict[str, Any]:
@@ -429,11 +346,11 @@ def capture_facts(path: Path, columns: str | None = None) -> dict[str, Any]:
 
 
 def picture_facts(path: Path) -> dict[str, Any]:
-    """Return the properties of a picture, and of the gyro data in its file."""
+    """Return the properties of a picture."""
     picture = read_picture(path)
     exif = Exif(picture.exif)
     height, width = picture.pixels.shape[:2]
-    facts = {
+    return {
         "kind": "picture",
         "size_px": [width, height],
         "channels": 1 if picture.pixels.ndim == 2 else picture.pixels.shape[2],
@@ -444,7 +361,3 @@ def picture_facts(path: Path) -> dict[str, Any]:
         "exif_orientation": exif.orientation,
         "icc_profile": picture.icc_profile is not None,
     }
-    if trailer_of(Source(path, "picture")) is None:
-        return facts
-    gyro = gyro_facts(path, {"format": "gyrodata"})
-    return facts | {"gyro": {key: gyro[key] for key in ("samples", "rate_hz", "epoch_ns", "capture_ns")}}

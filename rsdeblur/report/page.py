@@ -15,7 +15,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 from urllib.parse import quote
 
 from numpy.typing import NDArray
@@ -24,29 +24,30 @@ from PIL import Image, ImageOps
 from rsdeblur._util.files import atomic_write
 from rsdeblur.choices import VERDICTS, Transfer
 from rsdeblur.config import show_config
-from rsdeblur.io.metadata import Exif
 from rsdeblur.io.pictures import Picture
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
 from rsdeblur.psf import PsfBank
-from rsdeblur.report.drawings import bank_data, picture_uris, telling_place, thumbnail_uri, weight_map_uri
-from rsdeblur.report.facts import (
-    LEVELS,
-    VERDICT_LEVELS,
-    Finding,
-    Level,
-    correction_text,
-    findings,
-    motion_data,
-    plain,
-)
+from rsdeblur.report.drawings import bank_data, picture_uris, telling_place, thumbnail_uri
+from rsdeblur.report.facts import correction_text, motion_data, plain
 
-STAGES = ("highlights", "tune", "align", "psfs", "plan", "apply", "rectify", "check")
+Level = Literal["warning", "note", "good"]
+LEVELS: tuple[Level, ...] = ("warning", "note", "good")
+# How much verdicts limit a result; others are warnings.
+VERDICT_LEVELS: dict[str, Level] = {"good": "good", "cannot tell": "note", "not checked": "note"}
 TIMES = "\N{MULTIPLICATION SIGN}"
 # Verdicts on the items of a batch, the worst first.
 ORDER = ("failed", *reversed(VERDICTS), "not checked")
+
+
+class Finding(NamedTuple):
+    """Outcome of one check: how much it limits the result, its subject in a word or two, and sentences."""
+
+    level: Level
+    subject: str
+    text: str
 
 
 class Page(NamedTuple):
@@ -61,37 +62,36 @@ class Page(NamedTuple):
     banks: Mapping[str, PsfBank]  # PSFs by mode
     transfer: Transfer  # of the photo
     unseen: float = 0.0  # fraction of the pixels that were never exposed
-    recorded: PsfBank | None = None  # PSFs before a correction
-    frames: Sequence[Mapping[str, Any]] = ()  # facts of the frames of a burst, each with its `weights`
     settings: Mapping[str, Mapping[str, str]] = {}  # tables of names and values by title
     remarks: Sequence[Finding] = ()  # beside those that the content gives
 
     @property
     def findings(self) -> list[Finding]:
-        """Outcomes of all checks, warnings first."""
-        modes = self.report["modes"].items()
-        tall, wide = (max(sides) for sides in zip(*(bank.size for bank in self.banks.values()), strict=True))
-        outcomes = findings(
-            *(self.picture.pixels, self.log, self.camera, self.exposure),
-            psf=(tall, wide),
-            checks={mode: facts["check"] for mode, facts in modes if facts.get("check") is not None},
-            unseen=self.unseen,
-            can_split=not any("highlights" in facts["timings"] for _, facts in modes),
-        )
-        return sorted([*self.remarks, *outcomes], key=lambda finding: LEVELS.index(finding.level))
+        """Remarks, verdicts and what was never exposed, warnings first."""
+        outcomes = list(self.remarks)
+        for mode, facts in self.report["modes"].items():
+            if check := facts.get("check"):
+                verdict = check["verdict"]
+                text = "cannot tell whether it is right" if verdict == "cannot tell" else f"finds it {verdict}"
+                text = " ".join((f"The check {text}.", *check["reasons"]))
+                outcomes.append(Finding(VERDICT_LEVELS.get(verdict, "warning"), f"Result, {mode}", text))
+        if self.unseen > 0:
+            text = (
+                f"{self.unseen:.1%} of the straightened picture was never exposed and is filled in from its neighbours."
+            )
+            outcomes.append(Finding("note", "Unexposed parts", text))
+        return sorted(outcomes, key=lambda finding: LEVELS.index(finding.level))
 
     @property
     def best(self) -> str:
-        """Label of the best result: by PSNR if the truth is known, then by verdict, then the last one."""
-        modes = self.report["modes"]
-        results = [label for label in self.shown if label in modes] or list(self.shown)[1:]
+        """Label of the best result: by PSNR if the truth is known, else by the verdict; of equal ones, the last."""
+        modes: dict[str, Any] = self.report["modes"]
 
-        def rank(label: str) -> tuple[float, int, int]:
-            psnr, verdict = modes.get(label, {}).get("psnr_db", 0.0), _verdict(modes.get(label, {}))
-            place = VERDICTS.index(verdict) if verdict in VERDICTS else len(VERDICTS)
-            return math.inf if psnr is None else psnr, -place, results.index(label)
+        def rank(label: str) -> tuple[float, int]:
+            psnr = modes[label].get("psnr_db", 0.0)
+            return math.inf if psnr is None else psnr, ORDER.index(_verdict(modes[label]))
 
-        return max(results, key=rank)
+        return max(reversed(list(modes)), key=rank)
 
     def completed(self, recording: Mapping[str, Any], options: Options, texts: Sequence[str]) -> Page:
         """Return the page with settings and warnings; it names files without their folders, which may be private."""
@@ -112,14 +112,11 @@ class Page(NamedTuple):
 
     def _settings(self, recording: Mapping[str, Any], options: Options) -> dict[str, Mapping[str, Any]]:
         report, picture, log, camera, exposure, *_ = self
-        orientation = Exif(picture.exif).orientation
         return {
             "Picture": {
                 "photo": Path(report["photo"]),
                 "truth": Path(report["truth"]) if "truth" in report else None,
                 "stored as": f"{picture.pixels.dtype}, {(*picture.pixels.shape, 1)[2]} channels",
-                "transfer": self.transfer,
-                "EXIF orientation": None if orientation == 1 else f"{orientation}, not applied: shown as stored",
                 "report made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
             },
             "Recording": recording,
@@ -172,11 +169,10 @@ def render(page: Page) -> str:
     uris, scale = picture_uris(page.shown, page.picture.icc_profile if is_stored else None)
     height, width = next(iter(page.shown.values())).shape[:2]
     best, outcomes, modes = page.best, page.findings, page.report["modes"]
-    banks = dict(page.banks) | ({"as recorded": page.recorded} if page.recorded else {})
     data = {
         "size": [width, height],
         "scale": scale,
-        "banks": {label: bank_data(bank) for label, bank in banks.items()},
+        "banks": {label: bank_data(bank) for label, bank in page.banks.items()},
         "motion": motion_data(page.log, page.camera, page.exposure),
         "best": best,
         "place": telling_place(next(iter(page.shown.values())), page.shown[best]),
@@ -186,10 +182,9 @@ def render(page: Page) -> str:
     badge = f"{escape(best)}: {_badge(modes[best])} · " if modes[best].get("check") else ""
     main = Template(part("page.html")).substitute(
         viewer=part("page_viewer.html"),
-        scale=_scale(scale, width, height),
+        scale=f"Pictures are embedded as JPEG at {scale:.0%} of their size; the files of compare have full size.",
         pictures="\n".join(_figure(label, uri) for label, uri in zip(page.shown, uris, strict=True)),
-        frames=_frames(page),
-        modes=_modes(page),
+        modes=_table("Modes, strengths and times", *mode_table(page.report)),
         findings="\n".join(map(_finding, outcomes)),
         settings="\n".join(_settings(title, rows) for title, rows in page.settings.items()),
         data=script_json(data),
@@ -219,15 +214,6 @@ def _badge(facts: Mapping[str, Any]) -> str:
     return f'<span class="verdict {VERDICT_LEVELS.get(verdict, "warning")}">{verdict}</span>'
 
 
-def _scale(scale: float, width: int, height: int) -> str:
-    if scale == 1.0:
-        return "Pictures are embedded as JPEG at full size."
-    size = f"{round(width * scale)} {TIMES} {round(height * scale)} px"
-    return (
-        f"Pictures are embedded as JPEG, reduced to {scale:.1%} ({size}); the files written by compare have full size."
-    )
-
-
 def _finding(finding: Finding) -> str:
     badge = f'<span class="badge">{finding.level.capitalize()}</span>'
     text = f"<span><strong>{escape(finding.subject)}.</strong> {escape(finding.text)}</span>"
@@ -239,55 +225,21 @@ def _figure(label: str, uri: str) -> str:
     return f'<figure><img src="{uri}" alt="{name}" data-label="{name}"><figcaption>{name}</figcaption></figure>'
 
 
-def _modes(page: Page) -> str:
-    results = page.report["modes"].values()
-    stages = [stage for stage in STAGES if any(stage in result["timings"] for result in results)]
-    header, *rows = mode_table(page.report, stages)
-    return _table("Modes, strengths and times", header, rows)
-
-
-def mode_table(report: Mapping[str, Any], stages: Sequence[str] = ()) -> list[list[str]]:
-    """Return the header and the rows of the table of modes, with the times of some `stages`."""
-    blurred, modes = report.get("blurred"), report["modes"]
-    header = ["mode", "prior", "PSFs", "PSF px", "NSR", "weight", "time s", "check"]
-    first = ["(blurred)", *[""] * (len(header) - 1)]
-    rows = [] if blurred is None else [[*first, *_similarity(blurred), *[""] * len(stages)]]
-    # The stages come last, where a narrow page hides them first.
-    header += [*(["PSNR dB", "SSIM"] if blurred is not None else []), *(f"{stage} s" for stage in stages)]
-    for mode, facts in modes.items():
+def mode_table(report: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """Return the header and the rows of the table of modes."""
+    blurred, header = report.get("blurred"), ["mode", "prior", "PSFs", "PSF px", "NSR", "weight", "time s", "check"]
+    rows = [] if blurred is None else [["(blurred)", *[""] * (len(header) - 1), *_similarity(blurred)]]
+    for mode, facts in report["modes"].items():
         wide, tall = facts["psf_px"]
         weight = facts["weight"]
         row = [mode, facts["prior"], f"{facts['bands']} x {facts['strips']}", f"{wide} x {tall}", f"{facts['nsr']:.3g}"]
         row += ["-" if weight is None else f"{weight:.3g}", f"{facts['seconds']:.2f}", _verdict(facts)]
-        row += [] if blurred is None else _similarity(facts)
-        rows.append(row + [f"{facts['timings'].get(stage, 0.0):.2f}" for stage in stages])
-    return [header, *rows]
+        rows.append(row + ([] if blurred is None else _similarity(facts)))
+    return [*header, *(["PSNR dB", "SSIM"] if blurred is not None else [])], rows
 
 
 def _similarity(result: Mapping[str, Any]) -> list[str]:
     return ["inf" if result["psnr_db"] is None else f"{result['psnr_db']:.2f}", f"{result['ssim']:.3f}"]
-
-
-def _frames(page: Page) -> str:
-    """Return the section about the frames of a burst; nothing if there was one picture."""
-    if not page.frames:
-        return ""
-    header = ["frame", "share", "fits %", "blur px", "shift px", "brightness", "noise"]
-    row = "{frame}|{share:.2f}|{support:.0%}|{blur:.1f}|{shift:.1f}|{gain:.2f}|{noise:.4f}"
-    rows = [row.format(**use).replace("%", "").split("|") for use in page.frames]
-    picture = next(iter(page.shown.values()))
-    maps = "\n".join(_figure(f"frame {use['frame']}", weight_map_uri(picture, use["weights"])) for use in page.frames)
-    return f"""
-<section aria-labelledby="frames-title">
-  <h2 id="frames-title">Frames</h2>
-{_table("Frames and what they contribute", header, rows)}
-  <p class="hint">Each map shows the picture whose pose the result has. Where it is orange, the frame does not count:
-    something moved, its motion is wrong, or it does not show the place.</p>
-  <div class="maps">
-{maps}
-  </div>
-</section>
-"""
 
 
 def _settings(title: str, rows: Mapping[str, str]) -> str:
@@ -307,10 +259,7 @@ def _table(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -
 
 
 def write_batch_page(path: str | os.PathLike[str], entries: Sequence[Mapping[str, Any]], *, title: str) -> None:
-    """Write a page with a thumbnail of every photo of a batch beside its result, the most doubtful first.
-
-    `entries` are the items as `rsdeblur batch` reports them in ``batch.json``.
-    """
+    """Write a page of the entries of `batch.json`, each photo beside its result, the most doubtful first."""
     counts = Counter(map(_verdict, entries))
     ordered = sorted(entries, key=lambda entry: ORDER.index(_verdict(entry)))
     items = "\n".join(_item(entry, Path(path).parent) for entry in ordered)

@@ -173,12 +173,14 @@ def _grain(canvas: _Canvas, box: Box) -> None:
 def _still_life(canvas: _Canvas) -> None:
     """Draw a framed Siemens star, a page of fine print, a chart of bars and a glazed ball in front of the books."""
     unit, across = canvas.unit, canvas.image.width
-    star = _card(canvas, (0.06 * across, 0.375 * unit), (0.25 * unit, 0.25 * unit))
-    _siemens_star(canvas, star)
-    page = _card(canvas, (0.94 * across - 0.25 * unit, 0.70 * unit), (0.25 * unit, 0.245 * unit))
-    _fine_print(canvas, page)
-    chart = _card(canvas, (0.56 * across - 0.12 * unit, 0.10 * unit), (0.24 * unit, 0.17 * unit))
-    _line_pairs(canvas, chart)
+    left, top, right, bottom = _card(canvas, (0.06 * across, 0.375 * unit), (0.25 * unit, 0.25 * unit))
+    x, y, radius = (left + right) / 2, (top + bottom) / 2, 0.46 * (right - left)
+    for spoke in range(36):
+        canvas.pen.pieslice(
+            (x - radius, y - radius, x + radius, y + radius), spoke * 10.0, (spoke + 0.5) * 10.0, fill=INK
+        )
+    _fine_print(canvas, _card(canvas, (0.94 * across - 0.25 * unit, 0.70 * unit), (0.25 * unit, 0.245 * unit)))
+    _line_pairs(canvas, _card(canvas, (0.56 * across - 0.12 * unit, 0.10 * unit), (0.24 * unit, 0.17 * unit)))
     _ball(canvas, (0.8 * across, 0.635 * unit), 0.07 * unit)
 
 
@@ -187,24 +189,12 @@ def _card(canvas: _Canvas, corner: tuple[float, float], size: tuple[float, float
     left, top = map(round, corner)
     right, bottom = left + round(size[0]), top + round(size[1])
     frame = max(round(0.012 * canvas.unit), 1)
-    shadow = frame // 2
-    canvas.pen.rectangle((left + shadow, top + shadow, right + shadow, bottom), fill=(40, 30, 24))
+    canvas.pen.rectangle((left + frame // 2, top + frame // 2, right + frame // 2, bottom), fill=(40, 30, 24))
     canvas.pen.rectangle((left, top, right, bottom), fill=(66, 44, 30))
     canvas.pen.rectangle((left, top, right, top + frame // 4), fill=WOOD_EDGE)
     box = (left + frame, top + frame, right - frame, bottom - frame)
     canvas.pen.rectangle(box, fill=PAPER)
     return box
-
-
-def _siemens_star(canvas: _Canvas, box: Box) -> None:
-    spokes = 36
-    left, top, right, bottom = box
-    x, y = (left + right) / 2, (top + bottom) / 2
-    radius = 0.46 * (right - left)
-    step = 360.0 / spokes
-    disc = (x - radius, y - radius, x + radius, y + radius)
-    for spoke in range(spokes):
-        canvas.pen.pieslice(disc, spoke * step, (spoke + 0.5) * step, fill=INK)
 
 
 def _fine_print(canvas: _Canvas, box: Box) -> None:
@@ -245,22 +235,19 @@ def _ball(canvas: _Canvas, foot: tuple[float, float], radius: float) -> None:
     diffuse = 0.25 + 0.75 * np.maximum(-0.5 * x - 0.5 * y + 0.7 * z, 0.0)
     shine = np.exp(-((x + 0.38) ** 2 + (y + 0.4) ** 2) / 0.012)
     shine += 0.35 * np.exp(-((x - 0.5) ** 2 + (y - 0.45) ** 2) / 0.03)
-    pixels = np.clip(np.array(getrgb(CLOTH[8])) * diffuse[..., None] + 230.0 * shine[..., None], 0, 255).astype(
-        np.uint8
-    )
+    pixels = np.clip(np.array(getrgb(CLOTH[8])) * diffuse[..., None] + 230.0 * shine[..., None], 0, 255)
     mask = Image.fromarray(np.where(x**2 + y**2 <= 1.0, 255, 0).astype(np.uint8))
-    canvas.image.paste(Image.fromarray(pixels), (round(foot[0] - radius), round(foot[1]) - size), mask)
+    ball = Image.fromarray(pixels.astype(np.uint8))
+    canvas.image.paste(ball, (round(foot[0] - radius), round(foot[1]) - size), mask)
 
 
 def _linear_mean(image: Image.Image) -> FloatImage:
     """Return the mean light of the subpixels of each pixel of an sRGB picture."""
     linear = to_linear(np.linspace(0.0, 1.0, 256, dtype=np.float32), "srgb")
     drawn = np.asarray(image)
-    height, width = image.height // SUBPIXELS, image.width // SUBPIXELS
-    light = np.zeros((height, width, 3), np.float32)
-    for dy in range(SUBPIXELS):
-        for dx in range(SUBPIXELS):
-            light += linear[drawn[dy::SUBPIXELS, dx::SUBPIXELS]]
+    light = np.zeros((image.height // SUBPIXELS, image.width // SUBPIXELS, 3), np.float32)
+    for dy, dx in np.ndindex(SUBPIXELS, SUBPIXELS):
+        light += linear[drawn[dy::SUBPIXELS, dx::SUBPIXELS]]
     light /= SUBPIXELS**2
     return light
 
@@ -272,8 +259,8 @@ def _texture(height: int, width: int, random: np.random.Generator) -> FloatImage
     # Flat below 4 cycles per height: at that scale, the lamp sets the brightness.
     spectrum = np.fft.rfft2(random.standard_normal((height, width))) / np.maximum(radius, 4.0 / height)
     noise = np.fft.irfft2(spectrum, s=(height, width))
-    texture: FloatImage = (1.0 + 0.07 * noise / noise.std())[..., None].astype(np.float32)
-    return texture
+    values: FloatImage = (1.0 + 0.07 * noise / noise.std())[..., None].astype(np.float32)
+    return values
 
 
 def _lamplight(height: int, width: int) -> FloatImage:
@@ -286,5 +273,5 @@ def _lamplight(height: int, width: int) -> FloatImage:
     for board in (0.32, 0.675):
         depth = (y - board) / 0.05
         light *= np.where(depth > 0, 1.0 - 0.65 * np.exp(-depth), 1.0)[..., None]
-    fallen: FloatImage = light.astype(np.float32)
-    return fallen
+    values: FloatImage = light.astype(np.float32)
+    return values

@@ -19,7 +19,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
-from rsdeblur.image.encoded import ReadoutFrame
+from rsdeblur.image.encoded import ReadoutFrame, as_float
 from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
 from rsdeblur.kernels.resample import average_warps
 from rsdeblur.motion.arguments import check_recording, exposure_list
@@ -110,36 +110,22 @@ def simulate(
     >>> rsdeblur.simulate(np.full((64, 80, 3), 0.5), log, camera, rsdeblur.Exposure(0.2, 0.05))
     Simulation(blurred=float32[48, 64, 3], rectified=float32[48, 64, 3], rolling=float32[48, 64, 3])
     """
-    check_recording(log, camera, exposure, translation)
-    scene, transfer = linear_scene(sharp, transfer)
-    if scene.shape[0] < camera.height or scene.shape[1] < camera.width:
+    stage = _Stage(sharp, log, camera, [exposure], translation, transfer, noise, seed)
+    height, width = stage.scene.shape[:2]
+    if height < camera.height or width < camera.width:
         raise InputError(
             f"sharp must be at least as large as the camera's picture, {camera.width}x{camera.height}, "
-            f"got {scene.shape[1]}x{scene.shape[0]}"
+            f"got {width}x{height}"
         )
-    noise = validate.finite("noise", noise, minimum=0.0, maximum=validate.MOST_LIGHT)
-    random = np.random.default_rng(validate.count("seed", seed, minimum=0))
-    frame = ReadoutFrame(camera)
-    opens, closes = exposure.window(np.arange(frame.camera.height), frame.camera)
-    middle = 0.5 * (opens + closes)
-    path = CameraPath(
-        log, frame, (float(opens.min()), float(closes.max())), exposure.epoch_ns, frame.translation(translation)
-    )
     if validate.is_auto(samples):
         # Steps of half a pixel alias at 2 cycles/px, four times the highest frequency of a picture.
-        count = max(16, int(np.ceil(2 * path.longest(opens, closes))))
+        count = max(16, int(np.ceil(2 * stage.background.path.longest(*stage.windows[0]))))
     else:
         count = validate.count("samples", samples, maximum=MOST_WARPS)
-    plane = Plane(scene, path)
-    reference = float(middle.mean())
-    blurred, rolling = (
-        stored_picture(plane.seen(at, reference), frame, scene.shape[2:])
-        for at in (row_times(opens, closes, count), middle[:, None])
-    )
-    blurred = blurred + random.normal(0.0, noise, blurred.shape).astype(np.float32)
-    left, top = plane.corner
-    rectified = np.ascontiguousarray(scene[top : top + camera.height, left : left + camera.width])
-    return Simulation(*(from_linear(picture, transfer) for picture in (blurred, rectified, rolling)))
+    blurred, rolling = stage.recorded(0, count), stage.light(0, 1)
+    left, top = stage.background.corner
+    rectified = np.ascontiguousarray(stage.scene[top : top + camera.height, left : left + camera.width])
+    return Simulation(*(from_linear(picture, stage.transfer) for picture in (blurred, rectified, rolling)))
 
 
 @one_line()
@@ -250,45 +236,85 @@ def simulate_clip(
     >>> sum(1 for frame in rsdeblur.simulate_clip(np.full((64, 80), 0.5), log, camera, exposures))
     3
     """
-    exposures = exposure_list(exposures)
-    for exposure in exposures:
-        check_recording(log, camera, exposure, translation)
-    layers = list(validate.items("layers", layers))
+    exposures, layers = exposure_list(exposures), list(validate.items("layers", layers))
     for n, layer in enumerate(layers):
         validate.instance(f"layers[{n}]", layer, Layer)
     if not exposures:
         raise InputError("a simulated clip needs at least one exposure")
-    scene, transfer = linear_scene(sharp, transfer)
+    stage = _Stage(sharp, log, camera, exposures, translation, transfer, noise, seed, layers)
     samples = validate.count("samples", samples, maximum=MOST_WARPS // camera.height)
-    noise = validate.finite("noise", noise, minimum=0.0, maximum=validate.MOST_LIGHT)
-    random = np.random.default_rng(validate.count("seed", seed, minimum=0))
-    lights = [_premultiplied(layer, scene, transfer, translation) for layer in layers]
-    frame = ReadoutFrame(camera)
-    epoch = exposures[0].epoch_ns
-    moved = [Exposure(e.start + 1e-9 * (e.epoch_ns - epoch), e.duration, epoch) for e in exposures]
-    spans = np.array([exposure.span(frame.camera) for exposure in moved])
-    span = float(spans.min()), float(spans.max())
-    reference = 0.5 * sum(span)
-    translation = frame.translation(translation)
-
-    def plane(light: NDArray[np.float32], velocity: tuple[float, float], depth: float | None) -> Plane:
-        places = translation if depth is None or translation is None else replace(translation, depth=depth)
-        return Plane(light, CameraPath(log, frame, span, epoch, places), velocity)
-
-    background = plane(scene, (0.0, 0.0), None)
-    things = [plane(light, layer.velocity, layer.depth) for light, layer in zip(lights, layers, strict=True)]
-
-    def frames() -> Iterator[NDArray[np.float32]]:
-        for exposure in moved:
-            times = row_times(*exposure.window(np.arange(frame.camera.height), frame.camera), samples)
-            light = stored_picture(_seen(background, things, times, reference), frame, scene.shape[2:])
-            light = light + random.normal(0.0, noise, light.shape).astype(np.float32)
-            yield from_linear(light, transfer)
-
-    return frames()
+    return (from_linear(stage.recorded(n, samples), stage.transfer) for n in range(len(exposures)))
 
 
-def linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[np.float32], Transfer]:
+class _Stage:
+    """A scene, things before it, and the camera that records them in several exposures."""
+
+    def __init__(
+        self,
+        sharp: ArrayLike,
+        log: GyroLog,
+        camera: Camera,
+        exposures: Sequence[Exposure],
+        translation: Translation | None,
+        transfer: Transfer | Auto,
+        noise: float,
+        seed: int,
+        layers: Sequence[Layer] = (),
+    ) -> None:
+        for exposure in exposures:
+            check_recording(log, camera, exposure, translation)
+        self.scene, self.transfer = _linear_scene(sharp, transfer)
+        self._noise = validate.finite("noise", noise, minimum=0.0, maximum=validate.MOST_LIGHT)
+        self._random = np.random.default_rng(validate.count("seed", seed, minimum=0))
+        lights = [_premultiplied(layer, self.scene, self.transfer, translation) for layer in layers]
+        self._frame = ReadoutFrame(camera)
+        rows, epoch = np.arange(self._frame.camera.height), exposures[0].epoch_ns
+        moved = [Exposure(e.start + 1e-9 * (e.epoch_ns - epoch), e.duration, epoch) for e in exposures]
+        self.windows = [exposure.window(rows, self._frame.camera) for exposure in moved]
+        span = float(np.min(self.windows)), float(np.max(self.windows))
+        self._reference = 0.5 * sum(span)
+        track = self._frame.translation(translation)
+
+        def plane(light: NDArray[np.float32], velocity: tuple[float, float], depth: float | None) -> Plane:
+            places = track if depth is None or track is None else replace(track, depth=depth)
+            return Plane(light, CameraPath(log, self._frame, span, epoch, places), velocity)
+
+        self.background = plane(self.scene, (0.0, 0.0), None)
+        self._things = [plane(light, each.velocity, each.depth) for light, each in zip(lights, layers, strict=True)]
+
+    def recorded(self, n: int, samples: int) -> NDArray[np.float32]:
+        """Return the light of an exposure with noise."""
+        light = self.light(n, samples)
+        return light + self._random.normal(0.0, self._noise, light.shape).astype(np.float32)
+
+    def light(self, n: int, samples: int) -> NDArray[np.float32]:
+        """Return what an exposure records in so many warps of each row, as stored, with the axes of the scene."""
+        opens, closes = self.windows[n]
+        if samples * len(opens) > MOST_WARPS:
+            raise InputError(f"the blur takes {samples} warps for each row; {MOST_WARPS // len(opens)} are possible")
+        # The middles of equal parts of the exposure.
+        times = opens[:, None] + (closes - opens)[:, None] * (np.arange(samples) + 0.5) / samples
+        stored = self._frame.stored
+        light = np.ascontiguousarray(self._frame.back(self._seen(times)))
+        return light.reshape(stored.height, stored.width, *self.scene.shape[2:])
+
+    def _seen(self, times: FloatArray) -> NDArray[np.float32]:
+        """Return the mean light of each row at its `times` (H, T), shape (H, W, C)."""
+        if not self._things:
+            return self.background.seen(times, self._reference)
+        # At each moment, things hide what is behind them; the mean of products is not the product of means.
+        moments = []
+        for at in np.split(times, times.shape[1], axis=1):
+            light = self.background.seen(at, self._reference)
+            for thing in self._things:
+                own = thing.seen(at, self._reference)
+                light = own[..., :-1] + (1 - own[..., -1:]) * light
+            moments.append(light)
+        values: NDArray[np.float32] = np.mean(moments, axis=0, dtype=np.float32)
+        return values
+
+
+def _linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[np.float32], Transfer]:
     """Return the scene in linear light, and how its values encoded it."""
     values = validate.array("sharp", sharp)
     if values.ndim not in (2, 3) or values.size == 0:
@@ -296,19 +322,9 @@ def linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[n
     if values.dtype not in (np.uint8, np.uint16) and not np.issubdtype(values.dtype, np.floating):
         raise InputError(f"sharp must be uint8, uint16 or float, got {values.dtype}")
     encoding = resolve_transfer(transfer, values.dtype)
-    if values.dtype.kind == "u":
-        values = values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)
-    scene = to_linear(validate.real_array("sharp", values).astype(np.float32), encoding)
+    scene = to_linear(as_float(values), encoding)
     validate.bounded("sharp", scene)
     return scene, encoding
-
-
-def row_times(opens: FloatArray, closes: FloatArray, samples: int) -> FloatArray:
-    """Return the middles of `samples` equal parts of the exposure of each row, shape (H, samples), s."""
-    if samples * len(opens) > MOST_WARPS:
-        raise InputError(f"the blur takes {samples} warps for each row; {MOST_WARPS // len(opens)} are possible")
-    times: FloatArray = opens[:, None] + (closes - opens)[:, None] * (np.arange(samples) + 0.5) / samples
-    return times
 
 
 class CameraPath:
@@ -335,7 +351,12 @@ class CameraPath:
         self.rates = np.stack([np.interp(centres, t, omega[:, axis]) for axis in range(3)], axis=1)
         # In camera axes, a far point X moves by dX/dt = -omega x X.
         steps = Rotation.from_rotvec(-self.rates * np.diff(self.nodes)[:, None])
-        self.orientation = Slerp(self.nodes, _composed(steps))
+        turned = Rotation.concatenate([Rotation.identity(), steps])
+        reach = 1
+        while reach < len(turned):  # products of 2, 4, 8, ... neighbours
+            turned = Rotation.concatenate([turned[:reach], turned[reach:] * turned[:-reach]])
+            reach *= 2
+        self.orientation = Slerp(self.nodes, turned)
         self.frame, self.camera = frame, camera
         self.places = translation and translation.covering(t0, t1, epoch_ns)
 
@@ -364,19 +385,8 @@ class CameraPath:
         s = (self.places.at(times) - self.places.at(np.array(reference))) @ at_reference.T
         meeting = (1.0 - s[..., 2, None, None]) * np.eye(3)
         meeting[..., 2] += s
-        moved: FloatArray = meeting @ turns
-        return moved
-
-
-def _composed(steps: Rotation) -> Rotation:
-    """Return the rotations after 0, 1, ..., n steps, which turn one after the other."""
-    turned = Rotation.concatenate([Rotation.identity(), steps])
-    # Products of 2, 4, 8, ... neighbours.
-    reach = 1
-    while reach < len(turned):
-        turned = Rotation.concatenate([turned[:reach], turned[reach:] * turned[:-reach]])
-        reach *= 2
-    return turned
+        values: FloatArray = meeting @ turns
+        return values
 
 
 class Plane:
@@ -388,8 +398,7 @@ class Plane:
     def __init__(
         self, light: NDArray[np.float32], path: CameraPath, velocity: tuple[float, float] = (0.0, 0.0)
     ) -> None:
-        frame, stored = path.frame, path.frame.stored
-        height, width = light.shape[:2]
+        frame, stored, (height, width) = path.frame, path.frame.stored, light.shape[:2]
         #: Column and row of the picture's corner in `light`.
         self.corner = (width - stored.width) // 2, (height - stored.height) // 2
         left, top = self.corner
@@ -399,48 +408,39 @@ class Plane:
             [ndimage.spline_filter(part, 3, output=np.float32, mode="mirror") for part in np.moveaxis(planes, -1, 0)],
             axis=-1,
         )
-        self._path, self._velocity = path, np.array(frame.shift(velocity))
+        self.path, (x, y) = path, velocity
+        self._velocity = np.array((-y, x) if frame.quarter else (x, y))
 
     def seen(self, times: FloatArray, reference: float) -> NDArray[np.float32]:
         """Return the mean of what the camera sees at `times` (H, T) of each row, upright, shape (H, W, C)."""
-        camera, (left, top) = self._path.camera, self._corner
+        camera, (left, top) = self.path.camera, self._corner
         # A thing that has moved by v t is seen where the one at rest is v t before.
         shift = np.broadcast_to(np.eye(3), (*times.shape, 3, 3)).copy()
         shift[..., :2, 2] = (left, top) - (times - reference)[..., None] * self._velocity
         if camera.distortion_model != "none":
             return self._through_lens(times, reference, shift[..., :2, 2])
-        warps = shift @ camera.matrix @ self._path.turns(times, reference) @ np.linalg.inv(camera.matrix)
-        seen: NDArray[np.float32] = average_warps(self._coefficients, warps, camera.width)
-        return seen
+        warps = shift @ camera.matrix @ self.path.turns(times, reference) @ np.linalg.inv(camera.matrix)
+        return average_warps(self._coefficients, warps, camera.width)
 
     def _through_lens(self, times: FloatArray, reference: float, shift: FloatArray) -> NDArray[np.float32]:
         """Return the same for a distorting lens, whose warps are not homographies: pixels are traced."""
-        camera, coefficients = self._path.camera, self._coefficients
+        camera, coefficients = self.path.camera, self._coefficients
         directions = camera.rays(np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1))
-        turns = self._path.turns(times, reference)
+        turns = self.path.turns(times, reference)
         out = np.empty((camera.height, camera.width, coefficients.shape[2]), dtype=np.float32)
         for y in range(camera.height):
             at = camera.project(np.einsum("tij,xj->txi", turns[y], directions[y])) + shift[y][:, None]
-            for c in range(out.shape[2]):
-                values = ndimage.map_coordinates(
-                    coefficients[..., c], [at[..., 1], at[..., 0]], order=3, mode="mirror", prefilter=False
-                )
-                out[y, :, c] = values.mean(axis=0)
+            at = np.moveaxis(at[..., ::-1], -1, 0)
+            for c, part in enumerate(np.moveaxis(coefficients, -1, 0)):
+                out[y, :, c] = ndimage.map_coordinates(part, at, order=3, mode="mirror", prefilter=False).mean(axis=0)
         return out
-
-
-def stored_picture(upright: NDArray[np.float32], frame: ReadoutFrame, channels: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return an upright picture (H, W, C) as stored, contiguous, with the axes of the scene."""
-    stored = frame.stored
-    return np.ascontiguousarray(frame.back(upright)).reshape(stored.height, stored.width, *channels)
 
 
 def _premultiplied(
     layer: Layer, scene: NDArray[np.float32], transfer: Transfer, translation: Translation | None
 ) -> NDArray[np.float32]:
     """Return the light of a layer times its opacity, and the opacity as the last channel."""
-    light, _ = linear_scene(layer.picture, transfer)
-    opacity = np.asarray(layer.opacity, dtype=np.float32)
+    light, opacity = _linear_scene(layer.picture, transfer)[0], np.asarray(layer.opacity, dtype=np.float32)
     if light.shape != scene.shape or opacity.shape != scene.shape[:2]:
         raise InputError(
             f"a layer must have the scene's shape {scene.shape}, got {light.shape} and an opacity of {opacity.shape}"
@@ -448,20 +448,3 @@ def _premultiplied(
     if layer.depth is not None and translation is None:
         raise InputError("a layer has a depth, which only a translation shows; give one, or leave out the depth")
     return np.concatenate([np.atleast_3d(light) * opacity[..., None], opacity[..., None]], axis=-1)
-
-
-def _seen(background: Plane, things: Sequence[Plane], times: FloatArray, reference: float) -> NDArray[np.float32]:
-    """Return the mean light of each row at its `times` (H, T), shape (H, W, C)."""
-    if not things:
-        return background.seen(times, reference)
-    # At each moment, things hide what is behind them; the mean of products is not the product of means.
-    moments = []
-    for k in range(times.shape[1]):
-        at = times[:, k : k + 1]
-        light = background.seen(at, reference)
-        for thing in things:
-            own = thing.seen(at, reference)
-            light = own[..., :-1] + (1 - own[..., -1:]) * light
-        moments.append(light)
-    mean: NDArray[np.float32] = np.mean(moments, axis=0, dtype=np.float32)
-    return mean

@@ -265,7 +265,7 @@ class Tuning:
         """
         kind = KINDS[validate.choice("prior", prior, DERIVATIVE_PRIORS)]
         weight = self.gradient_weight
-        if kind.sparsity is None:
+        if kind.shrink is None:
             return weight
         power = kind.power(validate.exponent(exponent))
         factor = kind.strength * power**0.5
@@ -292,7 +292,7 @@ class Tuning:
             "hyper-laplacian", _strength(self.weight("hyper-laplacian", EXPONENT) * weight / suited)
         )
         share = self._noise_alone / (self.noise_power(self.energy) or 1.0)
-        return WaveletPrior(weight, tuple(variances.clip(max=MOST_VARIANCE).ravel()), share, sparse)
+        return WaveletPrior(weight, variances.clip(max=MOST_VARIANCE).astype(np.float32), share, sparse)
 
     @property
     def denoiser_weight(self) -> float:

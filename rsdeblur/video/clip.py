@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,8 @@ from rsdeblur._util.files import checked_path, ffmpeg_input, open_file
 from rsdeblur._util.validate import missing
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io.captures import open_captures
-from rsdeblur.io.sessions import PHOTOS, encoded_timestamps, nearest_captures
+from rsdeblur.io.sessions import encoded_timestamps, nearest_captures
+from rsdeblur.io.source import Source, mistaken
 from rsdeblur.motion.exposure import Exposure
 
 try:
@@ -89,33 +89,17 @@ class Clip:
 
 @contextmanager
 def reading(path: Path) -> Iterator[Any]:
-    """Open a video for reading, as an `av.container.InputContainer`.
-
-    FFmpeg's errors in the block become a `FileFormatError` that names the file. So do pipes, devices, and containers
-    that are not read.
-    """
+    """Open a video that is a regular file; FFmpeg's errors in the block become a `FileFormatError` that names it."""
     # FFmpeg would wait for the writer of a pipe.
     open_file(path, "video").close()
     try:
-        container = av.open(**ffmpeg_input(path))
-    except av.error.ArgumentError as error:
-        what = "not a video in a container that is read; convert it to MP4, MOV, Matroska, WebM, AVI or MPEG-TS"
-        if path.suffix.lower() in PHOTOS:
-            what = "a picture, not a video; use rsdeblur deblur for single pictures, rsdeblur batch for many"
-        raise FileFormatError(f"{path}: {what}") from error
-    except av.error.FFmpegError as error:
-        raise _unreadable(path, error) from error
-    try:
-        with container:
+        with av.open(**ffmpeg_input(path)) as container:
             yield container
     except av.error.FFmpegError as error:
-        raise _unreadable(path, error) from error
-
-
-def _unreadable(path: Path, error: Any) -> FileFormatError:
-    from rsdeblur.io.source import Source, mistaken
-
-    return mistaken(Source(path, "video")) or FileFormatError(f"{path}: cannot read the video: {error.strerror}")
+        reason = f"cannot read the video: {error.strerror}"
+        if isinstance(error, av.error.ArgumentError):
+            reason = "not a video in a container that is read; convert it to MP4, MOV, Matroska, WebM, AVI or MPEG-TS"
+        raise mistaken(Source(path, "video")) or FileFormatError(f"{path}: {reason}") from error
 
 
 def open_clip(path: str | os.PathLike[str]) -> Clip:
@@ -134,7 +118,7 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
     Warns
     -----
     RsdeblurWarning
-        If the video is interlaced, or has HDR10 metadata, which is left out.
+        If the video is interlaced.
     """
     path = checked_path(path)
     with reading(path) as container:
@@ -159,8 +143,6 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
         data = {each.type.name: each for each in (first.side_data[n] for n in range(len(first.side_data)))}
         if first.interlaced_frame:
             _warn(f"{path}: it is interlaced: its fields are deblurred as one frame and marked as progressive")
-        if "MASTERING_DISPLAY_METADATA" in data or "CONTENT_LIGHT_LEVEL" in data:
-            _warn(f"{path}: its HDR10 metadata (mastering display, light levels) is left out")
         return Clip(
             path=path,
             width=first.width,
@@ -186,17 +168,15 @@ def frames(clip: Clip, first: int, stop: int) -> Iterator[Any]:
     remaining, start = set(clip.timestamps[first:stop]), clip.timestamps[first]
     # From a second earlier, because frames shown before a key frame may refer to frames before it. Seeking in MPEG-TS
     # may end behind the place; then from the beginning.
-    for place in (start - int(1 / clip.time_base), None):
+    for place in (max(start - int(1 / clip.time_base), clip.timestamps[0]), None):
         with reading(clip.path) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
             if place is not None:
-                container.seek(max(place, clip.timestamps[0]), stream=stream)
-            decoded = container.decode(stream)
-            head = next(decoded, None)
-            if place is not None and (head is None or head.pts is None or head.pts > start):
-                continue
-            for frame in chain([head] if head else [], decoded):
+                container.seek(place, stream=stream)
+            for frame in container.decode(stream):
+                if start in remaining and place is not None and (frame.pts is None or frame.pts > start):
+                    break
                 if frame.pts in remaining:
                     remaining.remove(frame.pts)
                     yield frame

@@ -21,7 +21,7 @@ from rsdeblur.types import Progress
 from rsdeblur.video.clip import FULL_RANGE, LIMITED_RANGE, RGB, SCALING, Clip, av, reading, values_of
 from rsdeblur.video.plan import ClipPlan
 
-__all__ = ["Encoding", "VideoResult", "deblur_video"]
+__all__ = ["Encoding", "deblur_video"]
 
 CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
 # Encoder for each decoder name.
@@ -100,23 +100,6 @@ def _encoder(name: str) -> Any:
     return encoder if encoder.type == "video" else None
 
 
-@dataclass(frozen=True, slots=True)
-class VideoResult:
-    """Summary of a deblurred video.
-
-    Parameters
-    ----------
-    frames, kept : int
-        Number of frames, and how many of them were left as they are.
-    dropped : list of str
-        Types of the streams that were left out; "shape of the pixels" if the file does not keep it.
-    """
-
-    frames: int
-    kept: int
-    dropped: list[str]
-
-
 def check_output(clip: Clip, encoding: Encoding, output: Path, *, force: bool) -> None:
     """Raise `OutputError` before the work if the video cannot be encoded or written with all streams of its clip."""
     check_target(output, force=force)
@@ -157,7 +140,7 @@ def deblur_video(
     jobs: int = 1,
     force: bool = False,
     progress: Progress | None = None,
-) -> VideoResult:
+) -> list[str]:
     """Deblur a video as planned; sound, motion data, timestamps, rotation and colour tags are kept.
 
     Parameters
@@ -177,8 +160,8 @@ def deblur_video(
 
     Returns
     -------
-    VideoResult
-        Number of frames, and what was left out.
+    list of str
+        Types of the streams that were left out.
 
     Raises
     ------
@@ -188,7 +171,7 @@ def deblur_video(
         If a frame cannot be decoded.
     """
     output, clip, count = checked_path(output), plan.clip, len(plan.clip)
-    check_output(clip, encoding, output, force=force)
+    check_target(output, force=force)
     report_progress = progress or (lambda stage, fraction: None)
     with (
         reading(clip.path) as source,
@@ -214,17 +197,16 @@ def deblur_video(
             container.close()
         if ends:
             raise InputError(f"{clip.path}: the encoder leaves out {len(ends)} of {count} frames; use another --codec")
-    with reading(output) as made:
-        # PyAV cannot set it in Matroska, where VP9 and AV1 have it.
-        if clip.aspect is not None and made.streams.video[0].sample_aspect_ratio != clip.aspect:
-            left.append("shape of the pixels")
-    return VideoResult(count, count - plan.treated, left)
+    return left
 
 
-def _add_pictures(source: Any, container: Any, clip: Clip, encoding: Encoding, threads: int = 1) -> Any:
-    """Return a new stream of a container, with its encoder, for the frames of a clip."""
+def _add_streams(
+    source: Any, container: Any, clip: Clip, encoding: Encoding, threads: int = 1
+) -> tuple[Any, dict[Any, Any]]:
+    """Add all streams to a container; return that of the frames, and the copies of the others by their originals."""
     # SVT-AV1 logs to stderr; level 1 means errors only.
     os.environ.setdefault("SVT_LOG", "1")
+    container.metadata.update(source.metadata)
     old = source.streams.video[0]
     stream = container.add_stream(
         encoding.codec, rate=clip.rate, options={"crf": str(encoding.crf)} | OPTIONS.get(encoding.codec, {})
@@ -242,25 +224,16 @@ def _add_pictures(source: Any, container: Any, clip: Clip, encoding: Encoding, t
     context.colorspace = _matrix(int(tags.colorspace), clip.pixels, encoding.pixels)
     if clip.matrix is not None:
         stream.set_display_matrix(clip.matrix)
-    if encoding.codec == "libx265" and container.format.name in ("mp4", "mov"):
+    is_mp4 = container.format.name in ("mp4", "mov")
+    if encoding.codec == "libx265" and is_mp4:
         # Apple's players accept no other tag.
         context.codec_tag = "hvc1"
-    return stream
-
-
-def _add_streams(
-    source: Any, container: Any, clip: Clip, encoding: Encoding, threads: int = 1
-) -> tuple[Any, dict[Any, Any]]:
-    """Add all streams to a container; return that of the frames, and the copies of the others by their originals."""
-    container.metadata.update(source.metadata)
-    stream = _add_pictures(source, container, clip, encoding, threads)
     # FFmpeg calls GPMF, the motion data of GoPro's cameras, plain binary data. Other data have no name, and its writers
     # refuse them; it writes the time code again from the tags of the file.
-    takes_data = container.format.name in ("mp4", "mov")
-    data = [old for old in source.streams.data if takes_data and old.name == "bin_data"]
-    copies = {old: container.add_stream_from_template(old) for old in (*source.streams.audio, *data)}
-    for old, new in copies.items():
-        new.metadata.update(old.metadata)
+    data = [each for each in source.streams.data if is_mp4 and each.name == "bin_data"]
+    copies = {each: container.add_stream_from_template(each) for each in (*source.streams.audio, *data)}
+    for each, new in copies.items():
+        new.metadata.update(each.metadata)
     return stream, copies
 
 
@@ -325,9 +298,6 @@ def _restored(plan: ClipPlan, number: int, frame: Any, pixels: str) -> Any:
 
 
 def _matrix(matrix: int, source: str, pixels: str) -> int:
-    """Return FFmpeg's number of the `matrix` of frames of the format `source` that are stored as `pixels`.
-
-    RGB has none, or one that YCbCr cannot have.
-    """
+    """Return FFmpeg's number of the `matrix` of frames of the format `source` that are stored as `pixels`."""
     was_rgb, is_rgb = (av.VideoFormat(name).is_rgb for name in (source, pixels))
     return int(av.video.reformatter.Colorspace.ITU709) if was_rgb and not is_rgb else matrix

@@ -115,12 +115,9 @@ def plan_clip(
     """Plan a video: measure the blur of every frame, and derive the strengths that they share from sample frames.
 
     Frames with shorter paths than `above` are left as they are. Up to twice that length, the deblurred frame is mixed
-    with the frame itself, so that no step shows.
-
-    With ``options.refine``, a few frames together first correct focal length, clock, readout time and roll bias, see
-    :func:`rsdeblur.refine`.
-
-    The results of the sample frames are checked; if most of them are bad, a warning says so.
+    with the frame itself, so that no step shows. With ``options.refine``, a few frames together first correct focal
+    length, clock, readout time and roll bias, see :func:`rsdeblur.refine`. The results of the sample frames are
+    checked; if most of them are bad, a warning says so.
 
     Parameters
     ----------
@@ -240,25 +237,20 @@ def _refinement(
 def _check_options(options: Options) -> None:
     """Refuse options for single pictures."""
     refused = {
-        "normalize=True would make a video flicker": options.normalize,
-        f'saturation="{options.saturation}" is for single pictures': options.saturation == "always",
-        "fallback=True is for single pictures": options.fallback,
-        "max_memory is for single pictures": options.max_memory is not None,
+        "normalize=True": options.normalize,
+        'saturation="always"': options.saturation == "always",
+        "fallback=True": options.fallback,
+        "max_memory": options.max_memory is not None,
     }
-    for text, is_set in refused.items():
-        if is_set:
-            raise InputError(f"{text}; leave it out")
+    if given := [text for text, is_set in refused.items() if is_set]:
+        raise InputError(f"{' and '.join(given)} would make a video flicker, or is for single pictures; leave it out")
 
 
 def _clip_transfer(clip: Clip) -> Transfer:
     """Return how values encode light, according to the video's tags."""
     if clip.transfer in (ColorTrc.SMPTE2084, ColorTrc.ARIB_STD_B67):
-        warnings.warn(
-            f"{clip.path}: the video is HDR (HLG or PQ), and its values are decoded as sRGB; --transfer GAMMA may fit "
-            "better",
-            RsdeblurWarning,
-            stacklevel=3,
-        )
+        text = f"{clip.path}: the video is HDR (HLG or PQ), and is decoded as sRGB; --transfer may fit better"
+        warnings.warn(text, RsdeblurWarning, stacklevel=3)
     return "linear" if clip.transfer == ColorTrc.LINEAR else "srgb"
 
 
@@ -270,10 +262,7 @@ def _measure(
     options: Options,
     report_progress: Progress,
 ) -> tuple[FloatArray, list[str | None]]:
-    """Return the length of the longest path in each frame, px, and the reason why it cannot be deblurred.
-
-    One of both is NaN or None.
-    """
+    """Return the longest path in each frame, px, or NaN, and else the reason why it cannot be deblurred."""
     frame, lengths, reasons = ReadoutFrame(camera), np.full(len(clip), np.nan), list[str | None]()
     first_error: CoverageError | InputError | None = None
     for i, exposure in enumerate(exposures):

@@ -10,16 +10,13 @@ from scipy.ndimage import gaussian_filter
 from rsdeblur import Camera, Deconvolver, Exposure, InputError, PsfBank, deblur, deblur_burst, hand_shake
 from rsdeblur.burst import BurstResult
 from rsdeblur.burst.alignment import combined, path_error_share, restoration_error, with_path_errors
-from rsdeblur.burst.solution import predicted
 from rsdeblur.deconv import DerivativePrior, RowDeconvolver, TileQuadratic
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import LatentPrior
-from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.estimate import Refinement
 from rsdeblur.estimate.correction import Correction
 from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.motion.alignment import Alignment, burst_captures
-from rsdeblur.psf import tile_centres
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.simulate import simulate_clip
 from rsdeblur.tuning import Tuning
@@ -304,48 +301,6 @@ def test_refine_corrects_the_recording_by_the_most_blurred_frames(monkeypatch: p
     lengths = [Capture.from_log(LOG, wrong, exposure).probe.lengths.mean() for exposure in EXPOSURES]
     least = int(np.argmin(lengths))
     assert asked == [(2, [exposure for n, exposure in enumerate(EXPOSURES) if n != least])]
-
-
-# Two blocks, of which one shows no spot.
-SHAPE = 200, 1200
-
-
-@pytest.fixture(scope="module")
-def bank() -> PsfBank:
-    camera = Camera(1200, 200, 1300.0, readout_time=0.02)
-    capture = Capture.from_log(hand_shake(0.5, seed=4), camera, Exposure(0.1, 0.02))
-    return PsfBank.from_paths(BlurPaths.from_capture(capture, tile_centres(4, 200), tile_centres(3, 1200)))
-
-
-def mask(kind: str) -> np.ndarray:
-    wanted = np.zeros(SHAPE, dtype=bool)
-    if kind == "margins":
-        wanted[:20] = wanted[:, -5:] = True
-    elif kind == "spots":
-        wanted[[10, 150, 199], [399, 200, 0]] = True
-    elif kind == "all":
-        wanted[...] = True
-    return wanted
-
-
-@pytest.mark.parametrize("kind", ["none", "margins", "spots", "all"])
-def test_parts_show_what_the_whole_does(bank: PsfBank, kind: str) -> None:
-    latent, wanted = scene(*SHAPE), mask(kind)
-    whole = TileBlur(bank, latent.shape).forward(latent)
-    got = np.full_like(whole, np.nan)
-    for part, blurred in predicted(latent, wanted, bank, threads=1):
-        assert np.isnan(got[part]).all()
-        got[part] = blurred
-    assert np.isfinite(got[wanted]).all()
-    assert np.isnan(got).any() == (kind in ("none", "spots"))
-    tall, wide = bank.size
-    # Beyond the frame both continue the picture, but fade it into different opposite borders.
-    inner = np.zeros(SHAPE, dtype=bool)
-    inner[tall:-tall, wide:-wide] = True
-    # Tiles end elsewhere; measured 0.0021 at most.
-    np.testing.assert_allclose(got[wanted & inner], whole[wanted & inner], atol=4e-3)
-    for part, blurred in predicted(latent, wanted, bank, threads=3):
-        np.testing.assert_array_equal(blurred, got[part])
 
 
 SOLVED = 96, 112, 3

@@ -130,7 +130,7 @@ def found_offset(late: float) -> Callable[..., OffsetSearch]:
     """Return a stand-in for the search of an offset, which has its own tests."""
 
     found = partial(OffsetSearch, late, late, 0.001, 40.0, "", np.zeros(1), np.zeros(1))
-    return lambda image, log, camera, exposure, **_: found(replace(camera, time_offset=late))
+    return lambda image, log, camera, exposure, *, search=(0, 0), **_: found(replace(camera, time_offset=late))
 
 
 @contextmanager

@@ -32,19 +32,15 @@ def arguments(folder: Path, *more: object) -> list[object]:
     return ["burst", folder / "0.png", folder / "1.png", *recording, "--prior", "wiener", *more]
 
 
-def test_photos_with_json_and_report(run, burst: Path, tmp_path: Path) -> None:
-    out, page = tmp_path / "out.png", tmp_path / "report.html"
-    more = ["-o", out, "--report", page, "--json"]
-    result = run(*arguments(burst, "--frames", "0:2", "--reference", 1, *more))
+def test_photos_with_json(run, burst: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.png"
+    result = run(*arguments(burst, "--frames", "0:2", "--reference", 1, "-o", out, "--json"))
     assert result.exit_code == 0, result.output
     facts = json.loads(result.stdout)
     assert facts["reference"] == 1
     assert [frame["frame"] for frame in facts["frames"]] == [0, 1]
     assert sum(frame["share"] for frame in facts["frames"]) == pytest.approx(1)
     assert read_picture(out).pixels.shape == (96, 112, 3)
-    text = page.read_text()
-    assert "Frames and what they contribute" in text
-    assert text.count('alt="frame 1"') == 2
     result = run(*arguments(burst, "--frames", "0,1"))
     assert f"{burst / '0-burst.png'}: 2 of 2 frames" in result.stdout
 
@@ -81,12 +77,11 @@ def test_the_frame_that_does_not_fit_is_named(run, burst: Path, tmp_path: Path) 
     with Image.open(burst / "1.png") as picture:
         picture.resize((90, 80)).save(tmp_path / "small.png")
         picture.convert("L").save(tmp_path / "grey.png")
-    for name, problem in (("small.png", "the picture is 90x80 px"), ("grey.png", "must have the same channels")):
+    for name, problem in (("small.png", "frame 1: the picture is 90x80 px"), ("grey.png", "frame 1 has shape")):
         odd = tmp_path / name
         call = [*arguments(burst, "--frames", "0,1", "-o", tmp_path / "out.png")]
         call[2] = odd
         result = run(*call)
         assert result.exit_code == 1
-        assert f"error: {odd}: " in result.stderr
         assert problem in result.stderr
         assert not (tmp_path / "out.png").exists()

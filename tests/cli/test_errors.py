@@ -110,7 +110,7 @@ def test_options_that_cannot_be_meant(run, files, tmp_path: Path, options: str, 
 )
 def test_commands_that_are_refused(run, files, tmp_path: Path, monkeypatch, command: str, code: int, message: str):
     monkeypatch.chdir(tmp_path)
-    before = sorted(tmp_path.rglob("*"))
+    before = sorted(path for path in tmp_path.rglob("*") if path.is_file())
     words: list[Any] = []
     for word in command.split():
         words += {"PHOTO": ["photo.png"], "''": [""], "RECORDING": files.recording, "SOURCES": files.sources}.get(
@@ -120,18 +120,7 @@ def test_commands_that_are_refused(run, files, tmp_path: Path, monkeypatch, comm
     assert (result.exit_code, message in result.stderr) == (code, True), result.stderr
     if code == 1:
         refused(result)
-    assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_a_time_in_another_unit_is_asked_back(run, files, tmp_path: Path) -> None:
-    call = ("deblur", files.photo, *files.sources, "-o", tmp_path / "o.png")
-    refused(run(*call, "--start", "200", "--duration", "1/25"), "did you mean --start 200ms?")
-    refused(run(*call, "--start", "0.2", "--duration", "50"), "did you mean 50ms or 1/50?")
-    refused(run(*call, "--start", "0.2", "--duration", "0.7"), "give a longer recording")
-    # A log in Unix time, of which only the seconds from its start are given.
-    files.write_gyro(files.samples() + np.array([1560, 0, 0, 0]))
-    refused(run(*call, "--start", "0.2", "--duration", "1/25"), "did you mean --start 1560.2,")
-    refused(run(*call, "--start-ns", "1560200", "--duration", "1/25"), "did you mean --start-ns 1560200000000?")
+    assert sorted(path for path in tmp_path.rglob("*") if path.is_file()) == before
 
 
 def test_input_that_looks_wrong_warns_in_one_line(run, files, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from rsdeblur import PsfBank, scene
 from rsdeblur.deconv import DerivativePrior, TileQuadratic
-from rsdeblur.deconv.priors import DERIVATIVES, GRADIENT, PENALTIES, TO_PICTURE, brightness, shrinkage, threshold
+from rsdeblur.deconv.priors import KINDS, PENALTIES, TO_GRADIENT, TO_PICTURE, brightness, shrinkage, threshold
 from rsdeblur.kernels.shrink import gradient
 
 H, W = 90, 122
@@ -66,7 +66,7 @@ def test_shrinkage_minimises(exponent: float) -> None:
 
 
 @pytest.mark.parametrize("beta", [0.003, 3.0])
-@pytest.mark.parametrize("coupling", [GRADIENT.coupling, TO_PICTURE])
+@pytest.mark.parametrize("coupling", [TO_GRADIENT, TO_PICTURE])
 def test_global_is_the_equation(blurred: np.ndarray, beta: float, coupling: tuple[float, ...]) -> None:
     target = np.random.default_rng(4).normal(0, 0.1, (2, H, W, 3))
     grad_adjoint = grad_adjoint_of(*target)
@@ -100,20 +100,20 @@ def derivatives_penalty(picture: np.ndarray, exponent: float) -> float:
 )
 def test_the_splitting_descends(blurred: np.ndarray, kind: str, exponent: float) -> None:
     prior, weight = DerivativePrior(kind, 0.002, exponent), 0.002
-    sparsity, penalty = (GRADIENT, gradient_penalty) if kind == "tv" else (DERIVATIVES, derivatives_penalty)
+    coupling, penalty = KINDS[kind].coupling, gradient_penalty if kind == "tv" else derivatives_penalty
     own = solver(nsr=0.0)
     own.prepare(blurred)
 
     def objective(picture: np.ndarray) -> float:
         return float(((blur(picture) - blurred) ** 2).sum() + weight * penalty(picture, exponent))
 
-    before = objective(own.solve(weight * PENALTIES[0], None, sparsity.coupling))
+    before = objective(own.solve(weight * PENALTIES[0], None, coupling))
     changes = []
-    for step in prior.steps(own, threads=1):
-        now = objective(step.latent)
+    for latent, change in prior.steps(own, threads=1):
+        now = objective(latent)
         assert now < before
         before = now
-        changes.append(step.change)
+        changes.append(change)
     assert len(changes) == len(PENALTIES)
     # Measured: 0.4 to 0.8 of the first change.
     assert changes[-1] < changes[1]

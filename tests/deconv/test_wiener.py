@@ -67,15 +67,3 @@ def test_a_refused_picture_is_left_as_it_was(picture: np.ndarray, grid: tuple[in
     with pytest.raises(InputError, match="finite"):
         solver.apply(picture, out=picture)
     np.testing.assert_array_equal(picture, before)
-
-
-def test_replanning_is_planning_anew(picture: np.ndarray) -> None:
-    bank, other, smaller = (
-        PsfBank.for_picture(random_kernels(2, 2, *size), picture.shape) for size in ((9, 7), (9, 7), (5, 3))
-    )
-    solver = Deconvolver(bank, picture.shape)
-    solver.replan(other)
-    np.testing.assert_array_equal(solver.apply(picture), Deconvolver(other, picture.shape).apply(picture))
-    padded = PsfBank(np.pad(smaller.kernels, ((0, 0), (0, 0), (2, 2), (2, 2))), smaller.rows, smaller.cols)
-    solver.replan(smaller)
-    np.testing.assert_array_equal(solver.apply(picture), Deconvolver(padded, picture.shape).apply(picture))

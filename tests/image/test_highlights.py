@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 
 import rsdeblur
-from rsdeblur import Camera, Exposure, GyroLog, InputError, hand_shake, scene, simulate
+from rsdeblur import Camera, Exposure, GyroLog, hand_shake, scene, simulate
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import at_full_scale, find_spots
 from rsdeblur.simulation import Simulation
@@ -125,12 +125,3 @@ def test_overexposed_daylight_is_harmed_little(log: GyroLog) -> None:
     error, then = (np.square(image.clip(0, 1) - seen.rolling.clip(0, 1)).mean() for image in (plain, careful))
     # Measured: 1.006 times as large; 1.5 times if walls count as highlights.
     assert then < 1.1 * error
-
-
-def test_memory_is_bounded_or_refused(night: Simulation, log: GyroLog) -> None:
-    arguments = (night.blurred.clip(0, 1), log, CAMERA, EXPOSURE)
-    whole = deblur(*arguments, nsr=0.01, saturation="always", prior="wiener")
-    bounded = deblur(*arguments, nsr=0.01, saturation="always", max_memory=2**30, prior="wiener")
-    np.testing.assert_array_equal(bounded.image, whole.image)
-    with pytest.raises(InputError, match=r"max_memory is 1 MiB, but the highlights .* need \d+ MiB"):
-        deblur(*arguments, saturation="always", max_memory=2**20, prior="wiener")

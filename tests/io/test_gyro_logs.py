@@ -198,10 +198,8 @@ def test_the_same_recording_in_two_formats_agrees(data_dir: Path) -> None:
 class TestZip:
     def test_the_gyroscope_is_found(self, write: Write) -> None:
         names = [f"session/{name}.csv" for name in ("Accelerometer", "GyroscopeUncalibrated", "Gyroscope")]
-        metadata = {"session/Metadata.csv": "version,device name,platform\n3,SM-S931N,android\n"}
-        members = dict.fromkeys(names, LAYOUTS["sensor logger"][0]) | metadata
-        facts = assert_contains_the_samples(write(files.zipped(members), "export.zip"), "sensorlogger", "phone")
-        assert facts == {"device name": "SM-S931N", "platform": "android"}
+        members = dict.fromkeys(names, LAYOUTS["sensor logger"][0])
+        assert_contains_the_samples(write(files.zipped(members), "export.zip"), "sensorlogger", "phone")
 
     def test_an_app_s_format_comes_before_any_table(self, write: Write) -> None:
         """EuRoC's position of a laser is a table of four columns, as some gyro logs are."""
@@ -213,7 +211,7 @@ class TestZip:
 def test_json_of_sensor_logger(write: Write) -> None:
     export = files.sensorlogger_json()
     facts = assert_contains_the_samples(write(export), "sensorlogger-json", "phone")
-    assert facts == {"sensor": "Gyroscope", "device name": "phone", "platform": "ios"}
+    assert facts == {"sensor": "Gyroscope"}
 
 
 def test_the_ring_is_unrolled(write: Write) -> None:

@@ -8,10 +8,8 @@ import pytest
 
 import rsdeblur
 from rsdeblur import FileFormatError
-from rsdeblur.io.cameras import write_time_offset
 from tests._util import files
 from tests._util.files import zipped
-from tests.installed import needs
 
 BY_KIND: dict[str, Callable[[Path], Any]] = {
     "gyro log": rsdeblur.read_gyro,
@@ -93,20 +91,3 @@ def test_archives_of_logger_apps_are_named(write: Callable[..., Path], reader: s
     write(zipped({"notes.txt": "no log"}), "export.zip")
     with pytest.raises(FileFormatError, match=r"export\.zip: (?!.*looks like)"):
         BY_KIND[reader](path)
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("camchain.yaml", files.CHAIN, "format kalibr has no place .* rsdeblur camera import"),
-        FILES["gyro log"][0] + ("it looks like a gyro log",),
-        ("camera.toml", "width = 320\n", "lacks height"),
-    ],
-)
-def test_only_a_camera_file_has_a_place_for_the_time_offset(tmp_path, name, content, message):
-    if name.endswith(".yaml"):
-        needs("kalibr")
-    path = tmp_path / name
-    path.write_text(content)
-    with pytest.raises(FileFormatError, match=message):
-        write_time_offset(path, 0.1)

@@ -14,7 +14,7 @@ from rsdeblur.io.captures import clock_facts
 from rsdeblur.io.metadata import Exif, capture_time, on_clock_of, shown_time
 from rsdeblur.io.sessions import camera_in, files_in
 from rsdeblur.io.source import Source
-from tests._util.files import ANDROID, CAPTURES, EPOCH, NEXT, RATES, TIMESTAMPS, TRAJECTORIES, trailer
+from tests._util.files import ANDROID, CAPTURES, EPOCH, NEXT, RATES, TIMESTAMPS, TRAJECTORIES
 
 Write = Callable[..., Path]
 UNTIMED = ("timestamps", "named timestamps", "seconds", "euroc", "tum")
@@ -56,10 +56,6 @@ def test_real_captures(data_dir: Path) -> None:
     assert (len(mars), len(burst)) == (10, 7)
     assert mars[0] == Exposure(0.0, 0.24, 1_560_201_774_322)
     assert burst[-1] == Exposure(0.0, 0.02, 767_900_977_000)
-
-
-def test_a_jpeg_with_gyro_data_contains_its_capture(write: Write) -> None:
-    assert read_captures(write(trailer(), "a.jpg")) == [Exposure(0.0, 0.02, EPOCH + 99)]
 
 
 def test_results_are_not_taken_for_photos(tmp_path: Path) -> None:

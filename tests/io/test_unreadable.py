@@ -10,7 +10,6 @@ import zlib
 from collections.abc import Callable
 from functools import cache, partial
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,11 +17,11 @@ import pytest
 import tifffile
 
 import rsdeblur
-from rsdeblur import Camera, FileFormatError, read_gyro, read_picture, read_trajectory, write_picture
-from rsdeblur.io import Picture, open_camera, read_acceleration, read_depths
+from rsdeblur import Camera, FileFormatError, read_gyro, read_picture, read_trajectory
+from rsdeblur.io import open_camera, read_acceleration, read_depths
 from rsdeblur.io.captures import clock_facts
 from rsdeblur.io.pictures import read_psfs
-from rsdeblur.io.source import BLOCK_UNTRUSTED, Source
+from rsdeblur.io.source import Source
 from tests._util import files, gyroflow
 from tests._util.files import ANDROID, FORCES, IOS, LAYOUTS, MARS, STEP, npy, rows, tiff
 from tests.installed import needs
@@ -133,9 +132,9 @@ GYRO: list[Fault] = [
     (GCSV + "tscale,0.001\nt,gx,gy,gz\n0,1,2,3\n1,1,,3\n", 5, "'' in column 3"),
     (GCSV + "tscale,0.001\n", 0, "no line `t,gx,gy,gz`"),
     ("".join(f"{i / 100} 0.1 -9.75 0.{i % 10}\n" for i in range(30)), 0, "accelerometer at rest"),
-    (SENSORS, 2, r"column 2 names several sensors \(accelerometer, gyro\)"),
+    (SENSORS, 2, "column 2 names several sensors"),
     ("t,wx,wy,wz\n" + rows("{x},{y},{z},{t}"), 2, "column 1 .* does not rise, unlike column 4;"),
-    ("".join(f"{i % 3},{i},{i * 0.01},0\n" for i in range(20)), 1, "column 2 and column 3;"),
+    ("".join(f"{i % 3},{i},{i * 0.01},0\n" for i in range(20)), 1, "unlike column 2;"),
     ("t,gx[deg/s],gy[rad/s],gz\n" + GOOD, 0, "deg/s and rad/s"),
     (f"t,gx,gy,gz\n{rows('{t},0,15,0,20,0,25')}", 2, "7 cells, .* 4 columns; .*decimal commas"),
     ("t,gx,gy,gz\n" + rows('"0,1","0,2","0,3","0,4"'), 2, "decimal points"),
@@ -144,7 +143,7 @@ GYRO: list[Fault] = [
     ("# t wx wy wz\n", 0, "empty but for comments"),
     ("t,wx,wy,wz\n\0\1\2", 0, "binary"),
     ("\x1f\x8b\x08\0" * 9, 0, "binary"),
-    ("MATLAB 5.0 MAT-file".ljust(200, "\0"), 0, "MAT-file; save the table as CSV"),
+    ("MATLAB 5.0 MAT-file".ljust(200, "\0"), 0, "binary.*export it as CSV"),
     (MARS, 0, "no samples"),
     ("1 0 1 2 3\n2 5 1 2 3\n", 0, "no line is of type 4"),
     ("0,1,2,3\n100000,1,2,3\n", 0, "unit of time"),
@@ -180,19 +179,13 @@ PROJECTS: list[Fault] = [
     *(('{"raw_imu": ' + nest * 100_000, 0, "") for nest in ("[", '{"a":')),
     (lambda: gyroflow.packed_project(bytes(70_000_000), "raw_imu"), 0, "unpack"),
 ]  # fmt: skip
-# The first two claim a sample larger than the file; sizes do not count beyond the end of the table.
 VIDEOS: list[Fault] = [
     *((video(table, struct.Struct(header)), 0, words) for header in (">I4s", ">I4sQ") for table, words in (
-        (struct.pack(">III", 0, 300, 2), "claims a sample of 300 bytes"),
-        (struct.pack(">III2I", 0, 0, 2, 9, 2**32 - 1), f"claims a sample of {2**32 - 1} bytes"),
-        (struct.pack(">IIII", 0, 0, 2**31, 9), "no gyro data"), (b"", "no gyro data"))),
+        (struct.pack(">III", 0, 300, 2), "claims samples that are larger"),
+        (struct.pack(">III2I", 0, 0, 2, 9, 2**32 - 1), "claims samples that are larger"), (b"", "no gyro data"))),
     *((b"".join([struct.pack(">I4s", 16, b"ftyp") + bytes(8), *[struct.pack(">I4s", size, b"moov")] * 2000]), 0, "")
       for size in (0, 2, 7, 8, 2**32 - 1)),
 ]  # fmt: skip
-TRAILERS: list[Fault] = [
-    *((files.trailer(*given), 0, "trailer is damaged") for given in ((0, 0), (700, 0), (20, 21))),
-    (files.trailer()[:-1], 0, "not a gyro log"),
-]
 EXPORTS: list[Fault] = [
     (files.sensorlogger_json()[:-9], 0, "not JSON, or cut off"),
     (files.sensorlogger_json().replace(b'"y"', b'"v"'), 0, "lacks a number"),
@@ -245,9 +238,9 @@ CHAINS: list[Fault] = [
         (("pinhole", "omni"), "'omni'"), (("radtan", "fov"), "'fov'"), (("[400, 300]", "[400]"), "cam0: damaged"),
         (("intrinsics", "intrinsic"), "cam0: damaged"), (("[210.0", "[-210.0"), "cam0: focal_length"),
         (("[-1.0, 0.0, 0.0, 0.2]", "[1.0, 0.0, 0.0, 0.2]"), "determinant -1"), (("cam0:", "cam0: ["), "not YAML"))),
-    # Billion laughs: lists, merged mappings, and a list that holds itself.
-    *((laughs(*given), 0, "more than 10000 values") for given in (
-        ("[1, 2, 3, 4]", "[{}]", 60), ("{k: 1}", "{{<<: [{}]}}", 12), ("[*a0]", "[{}]", 0))),
+    # Billion laughs: lists and merged mappings.
+    *((laughs(*given), 0, "aliases") for given in (
+        ("[1, 2, 3, 4]", "[{}]", 60), ("{k: 1}", "{{<<: [{}]}}", 12))),
     *(("cam0: " + text, 0, "") for text in ("[" * 600, "{a: " * 600, "- " * 600, "a: 1\n" * 50_000)),
 ]  # fmt: skip
 TOML: list[Fault] = [
@@ -257,7 +250,7 @@ TOML: list[Fault] = [
         'distortion_model = "fisheye"\ndistortion = [1e308, 1e308, 1e308, 1e308]')),
     ("width = 6\nheight = 4\nfocal_length = 8\nread_out = 0.1", 0, "'read_out'; did you mean 'readout_"),
     ("width = 6\nreadout_time = 0.1", 0, "lacks height, focal"),
-    *((b"width = 6\xff", 0, "UTF-8"), ("width = 6\nheight 4", 0, "TOML .*line 2")),
+    *((b"width = 6\xff", 0, "utf-8"), ("width = 6\nheight 4", 0, "TOML .*line 2")),
     *((toml(line), 0, words) for line, words in (
         ("focal_length = 'long'", "focal_length must be"), ("readout_direction = 1", "readout_direction must be"),
         # TOML allows integers of any length.
@@ -266,7 +259,7 @@ TOML: list[Fault] = [
 PHOTOS: list[Fault] = [
     *((partial(files.photo, (100, 68), **tags), 0, f"{words}.*rsdeblur camera new") for tags, words in (
         ({}, "no focal length in px"), ({"f35": 0, "focal_length": 4.2}, "only 4.2 mm"),
-        ({"focal_length": 135.0, "resolution": 4438.0, "unit": 2}, "was resized"))),
+    )),
 ]  # fmt: skip
 DEPTHS: list[Fault] = [
     (npy(np.ones((2, 3, 3))), 0, r"shape \(R, C\), found \(2, 3, 3\)"),
@@ -305,10 +298,9 @@ PICTURES: list[Fault] = [
     (npy(np.zeros((2, 2, 5), np.uint8)), 0, "shape"),
     (npy(np.zeros((0, 2), np.uint8)), 0, "shape"),
     (npy(np.zeros((2, 2))), 0, "float64"),
-    (npy(np.asfortranarray(np.zeros((3, 2), np.uint8))), 0, "Fortran"),
-    (SMALL.replace(b"'|u1'", b"'|O' "), 0, "type object"),
-    (npy(np.zeros((20, 20), np.uint8))[:-1], 0, "ends within"),
-    (SMALL.replace(b"(2, 2), }      ", b"(99999, 99999)}"), 0, "limit"),
+    (SMALL.replace(b"'|u1'", b"'|O' "), 0, "damaged"),
+    (npy(np.zeros((20, 20), np.uint8))[:-1], 0, "damaged"),
+    (SMALL.replace(b"(2, 2), }      ", b"(99999, 99999)}"), 0, "damaged|memory"),
     (SMALL[:20], 0, "truncated"),
     (lambda: retagged(COLOUR, {"ImageWidth": 0}, photometric="rgb"), 0, "no pixels|damaged"),
     (lambda: retagged(COLOUR, {"SamplesPerPixel": 1}, photometric="rgb"), 0, "not supp|damaged"),
@@ -323,7 +315,7 @@ PICTURES: list[Fault] = [
 ]  # fmt: skip
 READERS: list[tuple[Callable[..., Any], str, list[Fault]]] = [
     *((read_gyro, name, faults) for name, faults in (
-        ("log.csv", GYRO), ("export.zip", ARCHIVES), ("a.gyroflow", PROJECTS), ("IMG.jpg", TRAILERS),
+        ("log.csv", GYRO), ("export.zip", ARCHIVES), ("a.gyroflow", PROJECTS),
         ("video.mp4", VIDEOS))),
     (partial(read_gyro, format="sensorlogger-json"), "log.json", EXPORTS),
     (read_acceleration, "gyro_accel.csv", ACCELERATIONS),
@@ -337,7 +329,7 @@ READERS: list[tuple[Callable[..., Any], str, list[Fault]]] = [
     (Camera.load, "camera.toml", TOML),
     (read_depths, "depth.npy", DEPTHS),
     (partial(read_psfs, shape=(40, 60, 3)), "k.npy", PSFS),
-    *((partial(read_picture, in_place=in_place), "picture", PICTURES) for in_place in (False, True)),
+    (read_picture, "picture", PICTURES),
 ]  # fmt: skip
 CASES = [(read, name, *fault) for read, name, faults in READERS for fault in faults]
 
@@ -370,45 +362,3 @@ def test_a_missing_package_is_named(write, monkeypatch, module, extra, read, con
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(FileFormatError, match=rf"'\.\[{extra}\]'"):
         read(write(content, "file"))
-
-
-# With RSDEBLUR_BLOCK_UNTRUSTED, no decoder that public fuzzing does not cover sees a byte of a file.
-PIXELS = (np.arange(12 * 20 * 3) % 251).reshape(12, 20, 3).astype(np.uint8)
-VIDEO = b"\0\0\0\x18ftypmp42\0\0\0\0" + bytes(64)
-
-
-@pytest.fixture
-def refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Switch the decoders off, and make every use of them an error."""
-    monkeypatch.setenv(BLOCK_UNTRUSTED, "1")
-    for name in ("tifffile.TiffFile", "imagecodecs.png_decode"):
-        monkeypatch.setattr(name, lambda *arguments, **options: pytest.fail("the decoder was called"))
-    monkeypatch.setitem(sys.modules, "telemetry_parser", None)
-
-
-@pytest.mark.parametrize(
-    ("name", "pixels"),
-    [("a.tif", PIXELS), ("a.tif", PIXELS.astype(np.float32) / 255), ("a.png", PIXELS.astype(np.uint16) * 257)],
-)
-def test_pictures_are_refused_and_the_variable_is_named(tmp_path, name, pixels, request):
-    path = tmp_path / name
-    write_picture(path, pixels, like=Picture(pixels))
-    request.getfixturevalue("refused")
-    for in_place in (False, True):
-        with pytest.raises(FileFormatError, match=rf"{name}.*no public fuzzing covers.*{BLOCK_UNTRUSTED}"):
-            read_picture(path, in_place=in_place)
-
-
-def test_videos_are_refused_and_the_variable_is_named(tmp_path: Path, refused: None) -> None:
-    path = tmp_path / "a.mp4"
-    path.write_bytes(VIDEO)
-    with pytest.raises(FileFormatError, match=rf"a.mp4.*telemetry-parser.*{BLOCK_UNTRUSTED}"):
-        read_gyro(path)
-
-
-@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.webp", "a.npy", "a.tif"])
-def test_other_pictures_are_read(tmp_path, name, request, monkeypatch):
-    write_picture(tmp_path / name, PIXELS)
-    # Zero switches nothing off.
-    monkeypatch.setenv(BLOCK_UNTRUSTED, "0") if name == "a.tif" else request.getfixturevalue("refused")
-    assert read_picture(tmp_path / name).pixels.shape == PIXELS.shape

@@ -8,7 +8,7 @@ from rsdeblur.kernels import chroma
 from rsdeblur.kernels.noise import halved_gradient_energy
 from rsdeblur.kernels.raster import interpolated, rasterize
 from rsdeblur.kernels.shrink import CHUNK, extrapolate
-from rsdeblur.kernels.tone import END, to_srgb, to_srgb_levels
+from rsdeblur.kernels.tone import END, to_srgb
 from rsdeblur.kernels.whittle import Tiles, fit_gains, information, smoothed_power
 from tests.oracles.geometry import rasterize_numpy
 
@@ -91,19 +91,18 @@ LIGHT = np.concatenate(
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_integers_are_the_rounded_clipped_values(dtype: type) -> None:
     most = np.iinfo(dtype).max
-    levels, is_finite = to_srgb_levels(LIGHT, np.dtype(dtype))
+    levels, is_finite = to_srgb(LIGHT, dtype)
     assert levels.dtype == dtype
     assert is_finite
-    np.testing.assert_array_equal(levels, np.rint(to_srgb(LIGHT).clip(0, 1) * np.float32(most)))
+    np.testing.assert_array_equal(levels, np.rint(to_srgb(LIGHT)[0].clip(0, 1) * np.float32(most)))
     for value in (np.nan, np.inf, -np.inf):
-        assert not to_srgb_levels(np.append(LIGHT, np.float32(value)), np.dtype(dtype))[1]
+        assert not to_srgb(np.append(LIGHT, np.float32(value)), dtype)[1]
 
 
 HALF_HEIGHT, HALF_WIDTH = 9, 12
 
-# Float32 rounds entries, which are at most 1, by 6e-8; the Numba kernel never steps less than 1e-9 of a segment, at
-# each of some ten grid lines crossed.
-ATOL = 2e-7
+# Gauss points in steps of a tenth of a pixel do not see where in a step the bilinear window has its kink.
+ATOL = 2e-4
 
 
 def random_paths(count=9, samples=17, seed=0):
@@ -147,7 +146,7 @@ def test_interpolated_kernels():
     waves = np.exp(-2j * np.pi * 0.25 * (np.arange(15) - 7))
     assert abs(waves @ between @ waves) == pytest.approx(1, abs=0.03)
     assert moving.max() < 0.5
-    assert np.isnan(interpolated(paths, 6, 7)).all()
+    assert np.isnan(interpolated(paths, 6, 7)[0]).all()
 
 
 PLACES, FREQUENCIES = 12, 160

@@ -14,8 +14,7 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 from rsdeblur import kernels
-from rsdeblur.kernels import native
-from rsdeblur.kernels.frame import WORK
+from rsdeblur.kernels import native, why_pure
 from rsdeblur.kernels.noise import TilePowers
 from rsdeblur.kernels.rowwise import LANES, RowModel
 from rsdeblur.kernels.whittle import Tiles
@@ -128,10 +127,6 @@ ARGUMENTS: dict[str, Callable[[Arrays], list[Any]]] = {
     "columns_to_rows": lambda h: [h.pairs(3, 16, 9), h.pairs(3, 9, 30), 2, 5],
     "cut_lines": lambda h: [h.pairs(3, 16, 9), 7, np.array([1, 3], np.int32), h(4), True, h.pairs(2, 3, 16, 12)],
     "rasterize": lambda h: [h(7, 5, 2, dtype=np.float64), 4, 6],
-    "columns_around_origin": lambda h: [h.pairs(3, 6), h(6), 2, h.pairs(4, 5)],
-    "lowest_frequencies": lambda h: [h.pairs(2, 7), h(4), h.pairs(2, 4)],
-    "put_columns": lambda h: [h.pairs(6, 4), 1, 0, h.pairs(2, 2, 3, 4)],
-    "rows_around_origin": lambda h: [h(3, 4, dtype=np.float64), 1.5, h(3, 7)],
     "spread": lambda h: [h(7, 2, dtype=np.float64), (1.25, 1.5), h(21, 15, dtype=np.float64)],
     "interpolated": lambda h: [h(7, 5, 2, dtype=np.float64), 8, 9],
     "add_normal": lambda h: [h.pairs(2, 3, 5, 6), h.pairs(2, 5, 6), h.number(), False, h.pairs(2, 3, 5, 6), h(2, 5, 6)],
@@ -139,8 +134,6 @@ ARGUMENTS: dict[str, Callable[[Arrays], list[Any]]] = {
         *(h.pairs(2, 3, 5, 6), h(2, 5, 6), h(5), h(6)),
         *(h.number(), (h.number(), h.number(), h.number()), h.number(), h.number(), h.pairs(2, 3, 5, 6)),
     ],
-    "spectra_to_lanes": lambda h: [h.pairs(2, 5, 20), 3, h(2, 2, 7, 2, LANES), 1],
-    "lanes_to_spectra": lambda h: [h(2, 2, 7, 2, LANES), 1, h.pairs(2, 5, 20), 3],
     "workspace_size": lambda h: [model(h), h(1, 2, LANES), 6, True],
     "forward": lanes,
     "adjoint": lanes,
@@ -155,8 +148,15 @@ ARGUMENTS: dict[str, Callable[[Arrays], list[Any]]] = {
         ("shrunk_grad_adjoint", "shrunk_derivatives_adjoint"),
         lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h.scratch(10, 3, 8), h(5, 6, 3)],
     ),
-    "extrapolate": lambda h: [h(5, 6, 3), h(5, 6, 3), h.number()],
     "fit_gains": lambda h: [tiles(h), h(2, dtype=np.float64), float(h.number())],
+    "extrapolate": lambda h: [h(5, 6, 3), h(5, 6, 3), h.number()],
+    "halved_gradient_energy": lambda h: [h(5, 7, 3)],
+    "to_srgb": lambda h: [h(5, 7, 3)],
+    "look_up": lambda h: [h(256), np.arange(256, dtype=np.uint8).repeat(2).reshape(16, 32), h(16, 32)],
+    "limit": lambda h: [h(5, 7, 3), 0, 2, 3, h(3, 3), h(3, 3, 4), h(3, 3, 4)],
+    "fade_to": lambda h: [h(4, 4, 3), h(4, 4, 3), h(2, 3), BETWEEN, (*BETWEEN[:2], h(4))],
+    "separate": lambda h: [h(5, 7, 3)],
+    "join": lambda h: [h(5, 7, 1), h(3, 4, 3), float(h.number()), h(5, 7, 3)],
     "fit_floors": lambda h: [
         TilePowers._make(
             [*(h(*shape, dtype=np.float64).T for shape in ((9, 4), (9, 4), (9,), (9,), (4,))), SECTORS, OCTAVES]
@@ -165,28 +165,12 @@ ARGUMENTS: dict[str, Callable[[Arrays], list[Any]]] = {
         3,
         float(h.number()),
     ],
-    "halved_gradient_energy": lambda h: [h(5, 7, 3)],
-    "invert": lambda h: [h.pairs(8, 6), h.number(), h.number(), 1, 2, h.pairs(3, 3, 4, 6)],
-    "to_srgb": lambda h: [h(5, 7, 3)],
-    "look_up": lambda h: [h(256), np.arange(256, dtype=np.uint8).repeat(2).reshape(16, 32), h(16, 32)],
-    "to_srgb_levels": lambda h: [h(5, 7, 3), np.dtype(np.uint16)],
-    "extremes": lambda h: [h(5, 7, 3), 3, h(3, 4), h(3, 4)],
-    "limit": lambda h: [h(5, 7, 3), 0, 2, 3, h(3, 3), h(3, 3, 4), h(3, 3, 4)],
-    "depths": lambda h: [h(5, 7, 3), 3, h(2, 3)],
-    "fade_to": lambda h: [h(4, 4, 3), h(4, 4, 3), h(2, 3), BETWEEN, (*BETWEEN[:2], h(4))],
-    "information": lambda h: [
-        *(tiles(h), h(3, 2, 9)),
-        (h(4, 3, dtype=np.float64), h(4, dtype=np.float64)),
-        float(h.number()),
-    ],
+    "columns_around_origin": lambda h: [h(3, 12), h(6), 2, h(4, 10)],
+    "lowest_frequencies": lambda h: [h(2, 14), h(4), h(2, 8)],
+    "invert": lambda h: [h(8, 12), h.number(), h.number(), 1, 2, h(3, 3, 4, 12)],
     "average_warps": lambda h: [h(6, 7, 3), h(5, 4, 3, 3, dtype=np.float64), 8],
-    "to_spline": lambda h: [h(6, 7, 3)],
     "sample": lambda h: [h(6, 7, 3), h(5, 8), h(5, 8)],
-    "combine": lambda h: [
-        *(h.scratch(2, 37, 40), h(2, 4, 3), h(2), h(2, 4, 3, 6)[..., ::2]),
-        *(h.scratch(WORK + 2, 37, 40), h(5, 8)),
-    ],
-    "cut_block": lambda h: [h(5, 6, 3), np.array([1, 0, 4]), np.array([5, 0]), h(3, 3), h(3, 3, 2)],
+    "combine": lambda h: [h(2, 37, 40), h(2, 4, 3), h(2), h(2, 4, 3, 3)],
     "row_directions": lambda h: [h(5, 3, dtype=np.float64), h(5, dtype=np.float64), h(8, 12, dtype=np.float64)],
     "pinhole_paths": lambda h: [
         *(h(2, 5, 3, 3, dtype=np.float64), h(2, 5, 3, dtype=np.float64), h(2, 3, 3, dtype=np.float64)),
@@ -196,10 +180,6 @@ ARGUMENTS: dict[str, Callable[[Arrays], list[Any]]] = {
     "orientations": lambda h: [
         *(h(5, dtype=np.float64), np.arange(4.0), h(4, 3, dtype=np.float64), h(4, 3, 3, dtype=np.float64))
     ],
-    "smoothed_power": lambda h: [h.pairs(2, 6, 4)],
-    "separate": lambda h: [h(5, 7, 3)],
-    "join": lambda h: [h(5, 7, 1), h(3, 4, 3), float(h.number()), h(5, 7, 3)],
-    "put_block": lambda h: [h(3, 4, 5), h(3, 3), h(4, 5, 3)],
 }
 
 
@@ -221,12 +201,13 @@ def test_every_kernel_is_tried() -> None:
 
 
 # What has laws of its own for both: `test_rowwise.py` and `test_lines.py` solve systems and transform lines.
-OWN_LAWS = {"workspace_size", "assembled_size", "solve", "assemble", "solve_assembled", "pair", "unpair"}
+OWN_LAWS = {"workspace_size", "solve", "pair", "unpair"}
 # Absolute tolerances of values of about 1 in float32: a few roundings, or
 TOLERANCES = {
     "fit_gains": 1e-6,  # sums of float32 terms
     "join": 1e-4,  # slopes up to 4, divided by variances down to FLAT
-    **dict.fromkeys(("combine", "to_spline"), 2e-5),  # sums of some hundred values, recursions
+    "combine": 2e-5,  # sums of some hundred values
+    "rasterize": 2e-3,  # Gauss points across the kinks of the bilinear window
     **dict.fromkeys(("sample", "shrunk_grad_adjoint", "shrunk_derivatives_adjoint"), 1e-5),  # sums of 36 values
 }
 
@@ -244,7 +225,7 @@ def test_a_kernel_equals_its_twin(name: str) -> None:
     for ours, twin in zip(*results, strict=True):
         assert ours.dtype == twin.dtype
         assert np.isfinite(twin).all()
-        exact = ours.dtype.kind in "ui" or name == "to_srgb"
+        exact = ours.dtype.kind in "ui"
         tolerance = 0 if exact else TOLERANCES.get(name, 1e-9 if ours.dtype == np.float64 else 2e-6)
         np.testing.assert_allclose(ours, twin, rtol=tolerance, atol=tolerance)
 
@@ -253,6 +234,8 @@ def test_a_kernel_equals_its_twin(name: str) -> None:
 @pytest.mark.parametrize("name", ARGUMENTS)
 def test_no_float_leads_out_of_bounds(name: str, found: dict[str, Any]) -> None:
     kernel = found.get(name, KERNELS[name])
+    if native is None and "assemble" in name:
+        pytest.skip(f"no C extension: {why_pure}")
     for value in (None, *DOUBLES):
         arrays = Arrays(value)
         with np.errstate(all="ignore"):

@@ -227,16 +227,14 @@ def test_paths_of_resampled_frames_start_and_end_around_their_middle() -> None:
 def test_rows_between_traced_ones_have_the_paths_that_tracing_gives() -> None:
     first, second, _ = burst_captures(LOG, CAMERA, EXPOSURES)
     alignment = Alignment(second, first)
-    got = alignment.every_row(30, 71, ACROSS)
+    got = alignment.every_row(slice(30, 71), ACROSS)
     expected = alignment.paths(np.arange(30.0, 71.0), ACROSS)
-    np.testing.assert_array_equal(got.rows, expected.rows)
+    np.testing.assert_array_equal(got.rows, expected.rows - 30)
     # They have fewer points, evenly spaced in time.
     fine, coarse = (np.linspace(0, 1, paths.displacements.shape[2]) for paths in (expected, got))
     at_same_times = interp1d(fine, expected.displacements, axis=2)(coarse)
     # Each row takes 0.25 ms to read.
     np.testing.assert_allclose(got.displacements, at_same_times, atol=0.01)
-    single = alignment.every_row(30, 31, ACROSS)
-    np.testing.assert_array_equal(single.displacements[0], alignment.every_row(30, 31 + 4, ACROSS).displacements[0])
 
 
 def test_a_recording_may_have_more_samples_than_an_exposure() -> None:

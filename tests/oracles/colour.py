@@ -1,14 +1,12 @@
 """Readable NumPy oracles of kernels: tone curves, colours and clipped light."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from rsdeblur.kernels.chroma import BLUE, DARK, FLAT, GREEN, MOST_RATIO, RED, TINY
 from rsdeblur.kernels.mend import Between
-from rsdeblur.kernels.tone import END, GAMMA, OFFSET, SCALE, SLOPE, Stored
+from rsdeblur.kernels.tone import END, GAMMA, OFFSET, SCALE, SLOPE
 from rsdeblur.types import Float32Array, FloatImage
 
 
@@ -43,12 +41,6 @@ def _doubled(values: NDArray[np.floating], shape: tuple[int, ...]) -> NDArray[np
     return values
 
 
-def extremes_numpy(roots: Float32Array, wide: int, lowest: Float32Array, highest: Float32Array) -> None:
-    parts, lefts = _parts(roots), np.arange(0, roots.shape[1], wide)
-    lowest[...] = np.minimum.reduceat(parts.min(axis=0), lefts)
-    highest[...] = np.maximum.reduceat(parts.max(axis=0), lefts)
-
-
 def limit_numpy(
     rows: FloatImage, top: int, tall: int, wide: int, weight: Float32Array, least: Float32Array, most: Float32Array
 ) -> None:
@@ -74,27 +66,10 @@ def _parts(roots: Float32Array) -> Float32Array:
     return np.concatenate([luma, roots - luma], axis=2)
 
 
-def look_up_numpy(table: Float32Array, values: Stored, light: Float32Array) -> None:
-    light[...] = table[values]
-
-
-def to_srgb_levels_numpy(light: Float32Array, dtype: np.dtype[Any]) -> tuple[NDArray[Any], bool]:
-    values = np.nan_to_num(to_srgb_numpy(light)).clip(0.0, 1.0) * np.float32(np.iinfo(dtype).max)
-    return np.rint(values).astype(dtype), bool(np.isfinite(light).all())
-
-
-def to_srgb_numpy(light: Float32Array) -> Float32Array:
+def to_srgb_numpy(light: Float32Array) -> tuple[NDArray[np.floating], bool]:
     magnitude = np.abs(light)
     values = np.where(magnitude <= END, magnitude * SLOPE, magnitude ** np.float32(1 / GAMMA) * SCALE - OFFSET)
-    encoded: Float32Array = np.copysign(values, light)
-    return encoded
-
-
-def depths_numpy(light: FloatImage, step: int, below: Float32Array) -> None:
-    depth = -np.minimum(light.min(axis=2), 0)
-    tops, lefts = (np.arange(0, n, step) for n in depth.shape)
-    areas = np.multiply.outer(*(np.diff([*range(0, n, step), n]) for n in depth.shape))
-    below[...] = np.add.reduceat(np.add.reduceat(depth, tops, axis=0), lefts, axis=1) / areas
+    return np.copysign(values, light), bool(np.isfinite(light).all())
 
 
 def fade_to_numpy(sharp: FloatImage, blurred: FloatImage, weight: Float32Array, down: Between, across: Between) -> None:

@@ -41,18 +41,12 @@ def terms(
 
 
 def combine_numpy(
-    planes: Float32Array,
-    variances: Float32Array,
-    low_factors: Float32Array,
-    factors: Float32Array,
-    work: Float32Array,
-    out: Float32Array,
-) -> None:
-    """Readable twin of :func:`combine`; `work` is not used."""
-    inside = np.s_[HALO:-HALO, HALO:-HALO]
-    out[...] = 0
+    planes: Float32Array, variances: Float32Array, low_factors: Float32Array, factors: Float32Array
+) -> Float32Array:
+    out: Float32Array = np.zeros_like(planes[0, HALO:-HALO, HALO:-HALO])
     for index, term in terms(planes, variances):
-        out += (low_factors if len(index) == 1 else factors)[index] * term[inside]
+        out += (low_factors if len(index) == 1 else factors)[index] * term[HALO:-HALO, HALO:-HALO]
+    return out
 
 
 def _split_numpy(low: NDArray[np.floating], step: int) -> list[NDArray[np.floating]]:
@@ -72,13 +66,3 @@ def _sums_of_squares_numpy(band: NDArray[np.floating]) -> NDArray[np.floating]:
     rows = np.sum([np.roll(band**2, n, 0) for n in (-1, 0, 1)], axis=0)
     sums: NDArray[np.floating] = np.sum([np.roll(rows, n, 1) for n in (-1, 0, 1)], axis=0)
     return sums
-
-
-def cut_block_numpy(
-    picture: Float32Array, rows: NDArray[np.intp], columns: NDArray[np.intp], mix: Float32Array, planes: Float32Array
-) -> None:
-    planes[...] = np.moveaxis(picture[np.ix_(rows, columns)] @ mix.T, -1, 0)
-
-
-def put_block_numpy(planes: Float32Array, mix: Float32Array, out: Float32Array) -> None:
-    out[...] = np.moveaxis(planes, 0, -1) @ mix

@@ -76,11 +76,6 @@ def _crossings(coordinate: NDArray[np.float64]) -> NDArray[np.float64]:
     return crossings
 
 
-def to_spline_numpy(picture: FloatImage) -> None:
-    for c in range(picture.shape[2]):
-        picture[..., c] = ndimage.spline_filter(picture[..., c], ORDER, output=np.float32, mode="mirror")
-
-
 def sample_numpy(coefficients: FloatImage, x: NDArray[np.float32], y: NDArray[np.float32]) -> FloatImage:
     known = (np.abs(x) < FARTHEST) & (np.abs(y) < FARTHEST)
     places = np.where(known, np.stack([y, x]), 0.0)

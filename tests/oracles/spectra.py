@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.kernels.noise import TilePowers, _first_gains, _first_noises
+from rsdeblur.kernels.noise import TilePowers
 from rsdeblur.kernels.whittle import FAINTEST, LONGEST, SETTLED, STEPS, Tiles
 from rsdeblur.types import FloatArray
 
@@ -12,8 +12,10 @@ def fit_floors_numpy(
     tiles: TilePowers, start: tuple[float, float], steps: int, weight: float
 ) -> tuple[FloatArray, float]:
     starts, sizes = tiles.cells[:-1], np.diff(tiles.cells)
-    gains, (squared, prior), bright = _first_gains(tiles), 2 * start[1:], tiles.brightness[:, None]
-    even, brighter = _first_noises(tiles, start[0])
+    (squared, prior), bright = 2 * start[1:], tiles.brightness[:, None]
+    even = np.full(tiles.octaves.max() + 1, start[0] / 2)
+    brighter = even / bright.mean()
+    gains = np.add.reduceat(tiles.measured, starts, 1) / np.add.reduceat(tiles.blurred, starts, 1)
     octave = np.repeat(tiles.octaves, sizes)
     members = np.equal.outer(octave, np.arange(len(even)))
     for _ in range(steps):
@@ -76,24 +78,3 @@ def _fit_tile(
     variance = np.exp(logs)[of_direction] * expected + floor
     nats = np.log(np.square(variance + 0.5 * power) / (variance * unit)).sum()
     return float(nats + 0.5 * stiffness * np.square(logs - mean).sum()), np.exp(logs).tolist()
-
-
-def information_numpy(
-    tiles: Tiles, slopes: NDArray[np.float32], fitted: tuple[FloatArray, FloatArray], stiffness: float
-) -> tuple[FloatArray, FloatArray]:
-    power, noise, expected, place, sectors = tiles
-    gains, levels = fitted
-    signal = np.repeat(gains, np.diff(sectors), axis=1) * expected[place]
-    variance = signal + levels[:, None] * noise
-    share = signal / variance
-    surprise = (variance - 0.5 * power) / (variance + 0.5 * power)
-    change = share * slopes[:, place]
-    gradient = np.einsum("nf,qnf->nq", surprise, change)
-    mixed = np.add.reduceat(0.5 * share * change, sectors[:-1], axis=2)
-    own = np.add.reduceat(0.5 * share**2, sectors[:-1], axis=1) + stiffness + 1e-6
-    count = len(sectors) - 1
-    fisher = 0.5 * np.einsum("pnf,qnf->npq", change, change)
-    for tile in range(len(power)):
-        of_gains = np.diag(own[tile]) - stiffness / count
-        fisher[tile] -= mixed[:, tile] @ np.linalg.solve(of_gains, mixed[:, tile].T)
-    return gradient, fisher

@@ -5,8 +5,7 @@ import pytest
 
 from rsdeblur import Camera, Exposure, PsfBank
 from rsdeblur.io import Picture
-from rsdeblur.report.facts import Finding
-from rsdeblur.report.page import Page
+from rsdeblur.report.page import Finding, Page
 
 
 @pytest.fixture(scope="session")

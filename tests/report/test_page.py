@@ -8,11 +8,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-import rsdeblur
 from rsdeblur import Camera, Exposure, GyroLog, OutputError, PsfBank, triage
 from rsdeblur.report import drawings, psf_map, side_by_side
 from rsdeblur.report.drawings import LONG_SIDE, TITLE, timeline_svg
-from rsdeblur.report.facts import findings, motion_data
+from rsdeblur.report.facts import motion_data
 from rsdeblur.report.page import render, write_page
 
 # Every way out of an element, an attribute, a comment, JSON and a template.
@@ -63,7 +62,7 @@ def test_the_page_is_whole_and_accessible(report_page) -> None:
         for reference in ("aria-labelledby", "aria-describedby", "for"):
             assert attributes.get(reference, ids[0]) in ids
     columns = outline.texts["th"]
-    assert {"mode", "time s", "apply s", "global", "banded"} <= set(columns)
+    assert {"mode", "time s", "global", "banded"} <= set(columns)
     assert "Recording" in outline.texts["h3"]
 
 
@@ -85,19 +84,6 @@ def test_the_best_result_and_its_verdict_come_first(report_page) -> None:
     assert 'banded: <span class="verdict warning">bad</span>' in judged(**{"global": "bad", "banded": "bad"})
     unknown = dict.fromkeys(("global", "banded"), "cannot tell")
     assert 'banded: <span class="verdict note">cannot tell</span>' in judged(**unknown)
-
-
-def test_every_stage_of_deblurring_has_a_column(report_page, shaky_log) -> None:
-    picture = np.random.default_rng(0).random((64, 64), dtype=np.float32)
-    capture = shaky_log(), Camera(64, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.04)
-    timings = rsdeblur.deblur(picture, *capture, saturation="always", geometry="rectify").timings
-    page = report_page()
-    mode = page.report["modes"]["banded"] | {"timings": timings}
-    page = page._replace(report=page.report | {"modes": {"banded": mode}})
-    headings = Outline(render(page)).texts["th"]
-    assert {f"{stage} s" for stage in timings} <= set(headings)
-    # What a narrow page hides first.
-    assert headings.index("check") < min(headings.index(f"{stage} s") for stage in timings)
 
 
 def test_nothing_is_fetched_and_no_foreign_script_may_run(report_page) -> None:
@@ -173,44 +159,14 @@ def test_the_plot_shows_camera_axes_and_each_lines_window(shaky_log, direction) 
     np.testing.assert_allclose(np.array(data["rates"])[:, 0], camera.imu_to_camera @ log.omega[i], atol=1e-6)
 
 
-def levels(outcomes) -> dict[str, str]:
-    return {finding.subject: finding.level for finding in outcomes}
-
-
-def test_findings_of_a_good_and_of_a_bad_capture() -> None:
-    t = np.arange(0.0, 1.0, 0.005)
-    omega = np.column_stack([np.sin(20 * t), np.cos(9 * t), 0 * t])
-    camera, exposure = Camera(400, 300, 500.0, readout_time=0.03), Exposure(0.5, 0.04)
-    grey = np.full((300, 400, 3), 100, np.uint8)
-    good = findings(grey, GyroLog(t, omega), camera, exposure, psf=(9, 9))
-    assert good == []
-    unknown = {"banded": {"verdict": "cannot tell", "reasons": ("Too little blur.",)}}
-    noted = findings(grey, GyroLog(t, omega), camera, exposure, psf=(9, 9), checks=unknown)
-    assert levels(noted)["Result, banded"] == "note"
-
-    # A clipped gyro, a hole before the exposure, few samples beyond it, highlights, and much blur.
-    omega[:, 0] = np.clip(20 * omega[:, 0], -4.5, 4.5)
-    keep = (t < 0.2) | ((t > 0.3) & (t < 0.575))
-    grey[:30, :30, 1] = 255
-    bad = findings(grey, GyroLog(t[keep], omega[keep]), camera, exposure, psf=(9, 101), unseen=0.1)
-    assert levels(bad) == {
-        "Gyro saturation": "warning",
-        "Saturation": "warning",
-        "Motion": "warning",
-        "Coverage": "note",
-        "Unexposed parts": "note",
-    }
-    texts = {finding.subject: finding.text for finding in bad}
-    assert "0.75%" in texts["Saturation"]
-    # Advice only where it can be followed: not for a burst, nor where the option is set.
-    assert "--saturation" not in texts["Saturation"]
-    advised = findings(grey, GyroLog(t, omega), camera, exposure, psf=(9, 9), can_split=True)
-    assert any("fewer with --saturation always" in finding.text for finding in advised)
-    few = GyroLog(t[::5], omega[::5])
-    assert levels(findings(grey[30:], few, Camera(400, 270, 500.0), exposure, psf=(3, 3))) == {
-        "Sampling": "warning",
-        "Motion": "note",
-    }
+def test_findings_are_verdicts_and_remarks_with_warnings_first(report_page) -> None:
+    page = report_page(remark="slow gyro")._replace(unseen=0.1)
+    assert [(each.level, each.subject) for each in page.findings] == [
+        ("warning", "Remark"),
+        ("warning", "Result, banded"),
+        ("note", "Unexposed parts"),
+    ]
+    assert page.findings[1].text == "The check finds it doubtful. Ringing."
 
 
 def bank(bands: int, strips: int, size: tuple[int, int] = (9, 15)) -> PsfBank:

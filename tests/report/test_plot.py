@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rsdeblur as rs
-from rsdeblur import Camera, Exposure, InputError, plot
+from rsdeblur import Camera, Exposure, plot
 from tests.installed import needs
 
 pyplot = needs("plot")
@@ -55,14 +55,3 @@ def test_a_result_is_as_bright_as_its_photo(transfer):
     np.testing.assert_allclose(*drawn, atol=1e-3)
     (again,) = plot.comparison({"sharp": result}, reference=result)
     np.testing.assert_array_equal(again.images[0].get_array(), drawn[1])
-
-
-def test_integers_beside_floats_need_a_transfer():
-    photo = np.rint(255 * PICTURE).astype(np.uint8)
-    mixed = {"blurred": photo, "sharp": PICTURE.astype(np.float32)}
-    for pictures, reference in ((mixed, None), ({"a": photo}, mixed["sharp"])):
-        with pytest.raises(InputError, match="give results themselves"):
-            plot.comparison(pictures, reference=reference)
-    drawn = [ax.images[0].get_array() for ax in plot.comparison(mixed, transfer="srgb")]
-    # Eight bits round to half a level.
-    np.testing.assert_allclose(*drawn, atol=0.6 / 255)
