@@ -88,8 +88,9 @@ class Page(NamedTuple):
         modes: dict[str, Any] = self.report["modes"]
 
         def rank(label: str) -> tuple[float, int]:
-            psnr = modes[label].get("psnr_db", 0.0)
-            return math.inf if psnr is None else psnr, ORDER.index(_verdict(modes[label]))
+            psnr, verdict = modes[label].get("psnr_db", 0.0), _verdict(modes[label])
+            place = VERDICTS.index(verdict) if verdict in VERDICTS else len(VERDICTS)
+            return math.inf if psnr is None else psnr, -place
 
         return max(reversed(list(modes)), key=rank)
 
