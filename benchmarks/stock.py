@@ -69,7 +69,7 @@ CASES = [
 
 def write_case(case: Stock, number: int, folder: Path) -> tuple[NDArray[np.float32], Exposure]:
     """Write photo, logs and camera file; return the truth, encoded, and the exposure."""
-    scene = landscape(case.picture)
+    scene = photograph(case.picture)
     width, height = ((side - 2 * MARGIN) // 4 * 4 for side in scene.shape[1::-1])
     shake = data.shake()
     log = GyroLog(shake.t - shake.t[0], shake.omega, EPOCH_NS)
@@ -87,7 +87,7 @@ def write_case(case: Stock, number: int, folder: Path) -> tuple[NDArray[np.float
     return from_linear(taken.rolling.clip(0, 1), "srgb"), exposure
 
 
-def landscape(picture: str) -> NDArray[np.float32]:
+def photograph(picture: str) -> NDArray[np.float32]:
     """Return a photograph in linear light, wider than tall, at most `SIDE` px wide."""
     shown = data.encoded(picture)
     shown = np.rot90(shown) if shown.shape[0] > shown.shape[1] else shown

@@ -95,11 +95,21 @@ class Commands(click.Group):
                     raise
                 # Only the stream that the result is printed to has no name.
                 _refuse(ctx, f"{error.filename or 'the output'}: {error.strerror or error}")
-            except ImportError as error:
-                _refuse(ctx, f"a library cannot be loaded ({error}); free memory, or install rsdeblur again")
-            except KeyboardInterrupt as error:
+            except (KeyboardInterrupt, ImportError) as error:
+                number = _signal_of(error)
+                if number is None:
+                    _refuse(ctx, f"a library cannot be loaded ({error}); free memory, or install rsdeblur again")
                 say_aside("interrupted; no unfinished file is left")
-                ctx.exit(128 + (error.args[0] if error.args else signal.SIGINT))  # as shells report it
+                ctx.exit(128 + number)  # as shells report it
+
+
+def _signal_of(error: BaseException | None) -> int | None:
+    """Return the signal that caused an error; while a compiled module loads, an interrupt becomes an ImportError."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    if error is None:
+        return None
+    return error.args[0] if error.args else signal.SIGINT
 
 
 @contextmanager

@@ -37,7 +37,7 @@ from rsdeblur.io.cameras import write_time_offset as write_time_offset
 from rsdeblur.io.captures import open_captures as open_captures
 from rsdeblur.io.columns import choice_for as choice_for
 from rsdeblur.io.gyro_binary import frame_exposures as frame_exposures
-from rsdeblur.io.gyro_logs import axes_problem as axes_problem
+from rsdeblur.io.gyro_logs import axes_problems as axes_problems
 from rsdeblur.io.gyro_logs import detect_gyro_format as detect_gyro_format
 from rsdeblur.io.metadata import Exif as Exif
 from rsdeblur.io.metadata import capture_time as capture_time

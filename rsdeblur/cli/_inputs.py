@@ -137,6 +137,7 @@ def read_recording(recording: Recording, photo: Path | None = None) -> tuple[rs.
     """Read the log, the camera and the exposure that the options name; see `read_inputs`."""
     exposure = _exposure(recording, photo)
     log, camera = read_device(recording)
+    _refuse_longer(recording.duration, log.span[1] - log.span[0], recording.gyro)
     if recording.start == "exif":
         if photo is None:
             raise _usage("--start exif needs a photo")
@@ -162,7 +163,7 @@ def read_device(recording: Recording) -> tuple[rs.GyroLog, rs.Camera]:
     overrides = {"time_offset": recording.time_offset, "readout_time": recording.readout_time}
     camera = camera_file.with_overrides(**overrides, focal_length=focal_length).warn(recording.camera)
     file = read_log(recording)
-    if problem := rs.axes_problem(file, camera, recording.gyro):
+    for problem in rs.axes_problems(file, camera, recording.gyro):
         warn(f"{recording.camera}: {problem}")
     first, last = file.log.span
     LOG.info(f"log: {file.format}, {len(file.log)} samples at {file.log.rate:.1f} Hz, {first:.3f} to {last:.3f} s")
@@ -304,6 +305,7 @@ def clip_exposures(clip: rs.Clip, recording: Recording) -> list[rs.Exposure]:
         return rs.exposures_from_captures(
             clip, recording.capture, duration=recording.duration, columns=_capture_columns(recording)
         )
+    _refuse_longer(recording.duration, float((clip.end - clip.timestamps[0]) * clip.time_base), clip.path)
     durations = recording.duration or _clip_durations(recording.gyro, clip)
     if durations is None:
         raise _usage("the exposure time is not given; use --duration, or --capture FILE")
@@ -343,6 +345,40 @@ def naming(file: Path | str | None, recording: Recording | None = None) -> Itera
     try:
         yield
     except (CoverageError, InputError) as error:
-        fault = recording.gyro if isinstance(error, CoverageError) and recording is not None else file
+        fault, hint = file, ""
+        if isinstance(error, CoverageError) and recording is not None:
+            fault, hint = recording.gyro, _start_hint(recording)
         name = f"{fault}: " if fault else ""
-        raise type(error)(name + str(error).removeprefix(name)) from error
+        raise type(error)(name + str(error).removeprefix(name) + hint) from error
+
+
+def _refuse_longer(duration: float | None, whole: float, path: Path) -> None:
+    """Refuse an exposure time that exceeds the file which must cover the exposure."""
+    if duration is None or duration <= whole:
+        return
+    meant = {f"{duration:.10g}ms": 1e-3 * duration, f"1/{duration:.10g}": 1 / duration}
+    # A shorter time was hardly meant in another unit: the file is too short. Below 0.1 ms, there is no blur.
+    options = [text for text, time in meant.items() if duration >= 1 and 1e-4 <= time <= whole]
+    hint = f"did you mean {' or '.join(options)}?" if options else "give a longer recording"
+    raise InputError(f"--duration: {duration:g} s is longer than {path} ({whole:.3g} s); {hint}")
+
+
+def _start_hint(recording: Recording) -> str:
+    """Return a question, after a semicolon, if a start in another unit, or counted from the log's, lies in the log."""
+    if recording.capture is not None or recording.start == "exif":
+        return ""
+    log = _known_log(recording)[0].log
+    first, last = (log.epoch_ns * 1e-9 + t for t in log.span)
+    start = recording.start or 0.0
+    if recording.start_ns is not None:
+        start = 1e-9 * recording.start_ns
+        meant = {f"--start-ns {factor * recording.start_ns}": factor * start for factor in (10**3, 10**6, 10**9)}
+    else:
+        # Digits for microseconds of Unix time, and no more.
+        moment = round(first + start, 6)
+        meant = {f"--start {moment:.16g}, as the log begins at {round(first, 6):.16g} s": moment}
+        # Further away, a moment is rather in another unit than just missed by the log.
+        if start > last + 10 * (last - first):
+            meant[f"--start {start:.10g}ms"] = 1e-3 * start
+    option = next((option for option, moment in meant.items() if first <= moment <= last), None)
+    return "" if first <= start <= last or option is None else f"; did you mean {option}?"

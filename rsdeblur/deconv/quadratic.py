@@ -211,7 +211,7 @@ class TileQuadratic(TileNormal):
         threads: int | None = None,
     ) -> None:
         nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
-        super().__init__(*(bank, shape), nsr=nsr, margin=LEAST_MARGIN, border=border, threads=threads)
+        super().__init__(bank, shape, nsr=nsr, margin=LEAST_MARGIN, border=border, threads=threads)
         self._bank = bank
 
     def apply(

@@ -114,8 +114,8 @@ class HighlightSplit:
 def at_full_scale(values: NDArray[Any]) -> Mask:
     """Return which encoded values are at full scale: 255, 65535, or 1 in a float picture that nowhere exceeds it."""
     white = full_scale(values)
-    full_: Mask = (values == white) & (values.max() == white)
-    return full_
+    full: Mask = (values == white) & (values.max() == white)
+    return full
 
 
 def full_scale(values: NDArray[Any]) -> float:

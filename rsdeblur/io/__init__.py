@@ -3,8 +3,8 @@
 All are read in one way. `source` opens a file and finds its format; the format parses it, with `text`, which reads
 numbers and names a line that cannot be read, and `columns`, which finds the columns of tables; and one function per
 kind finishes what was parsed, such as `samples.finish` for logs. The formats of logs are grouped by family:
-`gyro_tables` (text), `gyroflow` and `gyro_binary` (videos). `trajectories` reads poses that other programs found;
-`picture_output` writes pictures.
+`gyro_tables` (text), `gyroflow` and `gyro_binary` (pictures and videos). `trajectories` reads poses that other programs
+found; `picture_output` writes pictures.
 """
 
 from rsdeblur.io import cameras, captures, gyro_logs, trajectories

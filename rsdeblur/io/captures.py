@@ -51,8 +51,8 @@ def read_captures(
     """Read the exposures of a recording, in the order of the file.
 
     Reads MARS logger ``movie_metadata.csv``, DeepGyro ``images.txt``, GyroDeblurNet ``image_info.txt``, timestamps
-    alone or beside the names of pictures (EuRoC ``cam0/data.csv``). The content decides the format. Timestamps
-    without a unit show it by a date since 2000; else whole numbers are in ns, and others
+    alone or beside the names of pictures (EuRoC ``cam0/data.csv``), and JPEG files with a GYRODATA trailer. The content
+    decides the format. Timestamps without a unit show it by a date since 2000; else whole numbers are in ns, and others
     in s if the frames are then 0.5 to 500 ms apart. Exposure times without a unit have that of the timestamps.
 
     Parameters

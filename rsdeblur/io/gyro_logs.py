@@ -21,6 +21,7 @@ from rsdeblur.io import gyro_binary, gyro_tables, gyroflow
 from rsdeblur.io.samples import ACCELEROMETER, GYRO, AnySensor, GyroFile, Samples, finish
 from rsdeblur.io.source import Format, Source, choose, members_of, mistaken
 from rsdeblur.io.text import cells_of, is_number, line_error
+from rsdeblur.motion.axes import imu_to_camera
 from rsdeblur.motion.axes import orientation as orientation_matrix
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.gyro import AccelerationLog, GyroLog
@@ -245,9 +246,20 @@ def _with_pauses(samples: Samples, pauses: list[tuple[float, float]]) -> Samples
     return replace(samples, ns=ns, cautions=cautions)
 
 
-def axes_problem(file: GyroFile, camera: Camera, path: Path) -> str | None:
-    """Return what in a camera contradicts the axes of a log, if those are known."""
-    if file.axes == "sensor" or not np.array_equal(camera.imu_to_camera, np.eye(3)):
-        return None
-    expected = "phone-portrait or phone-landscape" if file.axes == "phone" else "gyroflow"
-    return f"imu_to_camera is the identity, but {path} is in {file.axes} axes; it should be {expected}"
+def axes_problems(file: GyroFile, camera: Camera, path: Path) -> list[str]:
+    """Return what in a camera contradicts the axes of a log and the shutter of its device, where those are known."""
+    problems = []
+    if file.axes == "phone" and camera.readout_time == 0:
+        problems.append(
+            f"the readout time is 0, as of a global shutter, but {path} is the log of a phone, whose shutter rolls; "
+            "give --readout-time"
+        )
+    given = None
+    if np.array_equal(camera.imu_to_camera, np.eye(3)):
+        given = "the identity"
+    elif file.axes == "gyroflow" and np.array_equal(camera.imu_to_camera, imu_to_camera("phone-portrait")):
+        given = "that of a phone's axes"
+    if given is not None and file.axes != "sensor":
+        expected = "phone-portrait or phone-landscape" if file.axes == "phone" else "gyroflow"
+        problems.append(f"imu_to_camera is {given}, but {path} is in {file.axes} axes; it should be {expected}")
+    return problems

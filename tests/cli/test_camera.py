@@ -106,6 +106,7 @@ def test_impossible_axes_cause_a_warning(run: Run, files: Files, tmp_path: Path)
     assert "is in phone axes; it should be phone-portrait or phone-landscape" in run(*call).stderr
     Camera(96, 72, 110.0, readout_time=0.03, imu_to_camera="phone-portrait").save(files.camera)
     assert run(*call).stderr == ""
+    assert "imu_to_camera is that of a phone's axes" in run(*call, "--orientation", "XYZ").stderr
 
 
 def test_the_exposure_time_may_come_from_exif(run: Run, files: Files, tmp_path: Path) -> None:

@@ -123,6 +123,17 @@ def test_commands_that_are_refused(run, files, tmp_path: Path, monkeypatch, comm
     assert sorted(path for path in tmp_path.rglob("*") if path.is_file()) == before
 
 
+def test_a_time_in_another_unit_is_asked_back(run, files, tmp_path: Path) -> None:
+    call = ("deblur", files.photo, *files.sources, "-o", tmp_path / "o.png")
+    refused(run(*call, "--start", "200", "--duration", "1/25"), "did you mean --start 200ms?")
+    refused(run(*call, "--start", "0.2", "--duration", "50"), "did you mean 50ms or 1/50?")
+    refused(run(*call, "--start", "0.2", "--duration", "0.7"), "give a longer recording")
+    # A log in Unix time, of which only the seconds from its start are given.
+    files.write_gyro(files.samples() + np.array([1560, 0, 0, 0]))
+    refused(run(*call, "--start", "0.2", "--duration", "1/25"), "did you mean --start 1560.2,")
+    refused(run(*call, "--start-ns", "1560200", "--duration", "1/25"), "did you mean --start-ns 1560200000000?")
+
+
 def test_input_that_looks_wrong_warns_in_one_line(run, files, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.asarray(Image.open(files.photo)).astype(np.float32) / 255)
     call = ("deblur", tmp_path / "a.npy", *files.recording, "--quality", "fast", "--force", "-o", tmp_path / "o.npy")

@@ -78,6 +78,7 @@ def test_quiet_and_verbose(files: Files, run: Callable[..., Result], caplog: pyt
     ("raised", "code", "message"),
     [
         (KeyboardInterrupt(), 130, "rsdeblur: interrupted"),
+        (import_error_of(KeyboardInterrupt()), 130, "rsdeblur: interrupted"),
         (MemoryError(), 1, "rsdeblur: error: not enough memory"),
         (PermissionError(13, "Permission denied", "a.png"), 1, "rsdeblur: error: a.png: Permission denied"),
     ],
