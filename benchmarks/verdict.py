@@ -44,8 +44,8 @@ from rsdeblur.image.mending import fade_undershoot
 from rsdeblur.pipeline import steps
 from rsdeblur.pipeline.steps import fall_back
 
-# Least gain or loss, dB, at which a result counts as better or worse than the blurred picture.
-EQUAL = 0.5
+# Least gain or loss, dB, at which a result counts as better or worse than the blurred picture, and clearly better.
+EQUAL, CLEAR = 0.5, 2.0
 DECIBELS = 40
 SIZES = 0.5, 0.7, 1.5, 2.0
 # A motion that the log lacks: shift of the scene during the exposure, px.
@@ -172,6 +172,8 @@ def report(all_trials: list[Trial]) -> str:
 def _outcome(trial: Trial) -> str:
     if abs(trial.gain) <= EQUAL:
         return f"within {EQUAL} dB"
+    if trial.gain > CLEAR:
+        return f"better by {CLEAR:g} dB and more"
     return "better" if trial.gain > 0 else "worse"
 
 
