@@ -48,7 +48,7 @@ CANDIDATES = 5
 MOST_STEPS = 2.0
 # The most standard deviations of any parameter of a correction that is accepted.
 MOST_DEVIATIONS = 6.0
-# The falls of several photos agree: their mean is at least so many times its standard error.
+# The falls of several photos agree: their mean is more than so many times its standard error.
 LEAST_AGREEMENT = 2.0
 # Reasons of a refusal.
 NOT_CLEAR = "the picture does not contradict the recording, or not clearly"
@@ -239,9 +239,12 @@ class Search:
 
 
 def agree(falls: FloatArray) -> bool:
-    """Return whether the falls of several photos, shape (N,), agree; one alone always does."""
-    count = len(falls)
-    return count == 1 or float(falls.mean()) >= LEAST_AGREEMENT * float(falls.std(ddof=1)) / np.sqrt(count)
+    """Return whether the falls of several photos, shape (N,), agree; one alone always does.
+
+    Falls count up to twice their median: a photo that becomes far clearer than the others does not contradict them.
+    """
+    count, falls = len(falls), np.minimum(falls, 2 * np.median(falls))
+    return count == 1 or bool(falls.mean() > LEAST_AGREEMENT * falls.std(ddof=1) / np.sqrt(count))
 
 
 def adjusted(

@@ -11,7 +11,7 @@ from rsdeblur.estimate import Refinement
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.regions import DriftByRegion, with_factors
 from rsdeblur.estimate.score import Score
-from rsdeblur.estimate.search import OTHER_AXES, Search
+from rsdeblur.estimate.search import OTHER_AXES, Search, agree
 from rsdeblur.estimate.sharpness import TILES
 from rsdeblur.estimate.streaks import MOST_NATS, LightStreaks
 from rsdeblur.motion import BlurPaths
@@ -124,6 +124,21 @@ def test_the_clock_of_one_photo_is_not_that_of_all(several):
     """The first one was exposed 9 ms after it says so: the others contradict its correction."""
     exposures = [Exposure(EXPOSURES[0].start - 9e-3, 1 / 20), *EXPOSURES[1:]]
     assert not refine(several, LOG, CAMERA, exposures, free="offset")[0].accepted
+
+
+@pytest.mark.parametrize(
+    ("falls", "agreed"),
+    [
+        ([0.02, 0.03, 0.025], True),
+        # A photo that becomes far clearer contradicts the others no more than one that becomes as clear.
+        ([0.02, 0.07, 0.15, 0.001, 0.02], True),
+        ([0.0, -0.001, 0.15], False),
+        ([0.05, -0.04, 0.03, -0.05, 0.01], False),
+        ([-0.05], True),
+    ],
+)
+def test_photos_agree_where_most_become_clearer(falls, agreed):
+    assert agree(np.array(falls)) is agreed
 
 
 def test_few_pixels_prove_nothing():
