@@ -29,7 +29,7 @@ RECORDED = DATA.is_dir()
 REAL, COLLECTION = ("real", "Kodak") if RECORDED else ("simulated", "scikit-image")
 NOTE = (
     f"Pictures of scikit-image, simulated shake: there are no recordings in {DATA}. The page's figures are of those "
-    "that docs/benchmarks/index.md lists. The priors wavelet and cnn have learned from some of scikit-image's pictures."
+    "that docs/benchmarks/index.md lists. The prior cnn has learned from some of scikit-image's pictures."
 )
 # Pictures of scikit-image's wheel in place of those of the folder `sharp`.
 STAND_INS = {

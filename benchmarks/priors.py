@@ -48,7 +48,6 @@ LADDERS: Ladders = {
     "gradient": (0.01, 0.03, 0.1, 0.3, 1.0),
     "tv": (0.001, 0.003, 0.01, 0.03, 0.1),
     "hyper-laplacian": (0.0003, 0.001, 0.003, 0.01, 0.03),
-    "wavelet": (0.01, 0.03, 0.1, 0.3, 1.0),
     "cnn": (1e-6, 3e-6, 1e-5, 3e-5, 1e-4),
 }
 # (noise in dB, whether the model is wrong)

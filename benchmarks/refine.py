@@ -28,9 +28,9 @@ from benchmarks.captures import BORDER
 from benchmarks.data import Image, noted
 from benchmarks.phone import processed
 from benchmarks.tables import append, markdown, recorded, report
-from rsdeblur import Camera, Correction, Exposure, RsdeblurError, deblur, refine, simulate
+from rsdeblur import Camera, Correction, Exposure, GyroLog, RsdeblurError, deblur, refine, simulate
 from rsdeblur.estimate import refine as refining
-from rsdeblur.estimate.correction import Recording
+from rsdeblur.estimate.correction import Recording, uncertainty_of
 from rsdeblur.estimate.regions import DriftByRegion, with_factors
 from rsdeblur.estimate.streaks import LightStreaks
 from rsdeblur.image.transfer import from_linear
@@ -40,7 +40,7 @@ from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation import Simulation
 
 PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim19", "kodim20", "kodim23")
-KINDS = ("none", "offset", "readout", "scale", "bias", "drift", "all", "axes", "depths", "unknown")
+KINDS = ("none", "offset", "readout", "scale", "bias", "drift", "all", "axes", "depths", "unknown", "bent")
 # Those of a whole recording: drifts differ from photo to photo.
 SHARED_KINDS = ("none", "offset", "readout", "scale", "all", "axes", "unknown", "drifts")
 # Focal length of recordings whose photos have drifts of their own, as a factor.
@@ -50,7 +50,10 @@ PARTS = {
     "regions": (DriftByRegion, "best", lambda *_, **__: None),
     "rivals": (refining, "rival_lead", lambda *_: -np.inf),
     "streaks": (LightStreaks, "nats", lambda *_: 0.0),
+    "acceleration": (refining, "uncertainty_of", lambda *given: replace(uncertainty_of(*given), acceleration=0.0)),
 }
+# Exposure that shows an acceleration, s.
+LONG = 0.2
 # Mean length of the paths that are used, px.
 LENGTHS = 4.0, 35.0
 # Softness of the pictures that are aligned, px, and the steps that this takes.
@@ -180,14 +183,19 @@ def cases(count: int, seed: int) -> Iterator[Case]:
     for n in range(count):
         name = PICTURES[n % len(PICTURES)]
         scene = landscape(name)
-        height, width, _ = scene.shape
-        while True:
-            readout_time, duration = random.choice([0.01, 0.02, 0.03]), random.choice([1 / 30, 1 / 20, 1 / 15, 1 / 10])
-            camera = Camera(width, height, width * random.uniform(0.75, 1.1), readout_time=float(readout_time))
-            exposure = Exposure(random.uniform(2, 55), float(duration), log.epoch_ns)
-            if usable(recording := Recording(log, camera, exposure)):
-                break
-        yield Case(f"{data.named(name)} {exposure.start:.1f} s", scene, recording, n)
+        recording = moment(log, scene, [1 / 30, 1 / 20, 1 / 15, 1 / 10], random)
+        yield Case(f"{data.named(name)} {recording.exposure.start:.1f} s", scene, recording, n)
+
+
+def moment(log: GyroLog, scene: Image, durations: Sequence[float], random: np.random.Generator) -> Recording:
+    """Return a recording of a scene at a random moment that can be used, with one of some exposures, s."""
+    height, width, _ = scene.shape
+    while True:
+        readout_time, duration = random.choice([0.01, 0.02, 0.03]), random.choice(durations)
+        camera = Camera(width, height, width * random.uniform(0.75, 1.1), readout_time=float(readout_time))
+        exposure = Exposure(random.uniform(2, 55), float(duration), log.epoch_ns)
+        if usable(recording := Recording(log, camera, exposure)):
+            return recording
 
 
 def landscape(name: str) -> Image:
@@ -214,6 +222,17 @@ def error(kind: str, random: np.random.Generator, recording: Recording) -> Corre
     if kind == "drift":
         turn, length = random.uniform(0, 2 * np.pi), random.uniform(3, 8) * camera.width / 640
         return Correction(drift_x=float(length * np.cos(turn)), drift_y=float(length * np.sin(turn)))
+    if kind == "bent":
+        # Middle of the path, px from its chord, and the drift along it.
+        sizes = random.uniform((2, 0.5), (5, 1.5)) * camera.width / 640 * (1, 8 / duration**2)
+        turns = random.uniform(0, 2 * np.pi, 2)
+        (drift_x, acceleration_x), (drift_y, acceleration_y) = sizes * np.cos(turns), sizes * np.sin(turns)
+        return Correction(
+            drift_x=float(drift_x),
+            drift_y=float(drift_y),
+            acceleration_x=float(acceleration_x),
+            acceleration_y=float(acceleration_y),
+        )
     if kind == "all":
         drift = random.uniform(-3, 3, 2) * camera.width / 640
         return Correction(
@@ -296,6 +315,8 @@ def measured(photos: list[Case], capture: int, kind: str, seed: int) -> Row | No
     random = np.random.default_rng((seed, capture, kinds.index(kind)))
     if kind == "depths":
         photos = [Depths.of(photos[0], random)]
+    if kind == "bent":
+        photos = [replace(photo, true=moment(photo.true.log, photo.scene, [LONG], random)) for photo in photos]
     if kind == "drifts":
         photos = [replace(photo, true=photo.true.corrected(error("drift", random, photo.true))) for photo in photos]
     true = [photo.known if isinstance(photo, Depths) else photo.true for photo in photos]
@@ -306,7 +327,9 @@ def measured(photos: list[Case], capture: int, kind: str, seed: int) -> Row | No
         return None
     shared = given[0].log, given[0].camera, [each.exposure for each in given]
     begin = time.perf_counter()
-    found = refine([photo.picture for photo in photos], *shared, translation=given[0].translation)
+    # An acceleration is searched where an accelerometer confirms the axes.
+    pictures, known = [photo.picture for photo in photos], kind == "bent"
+    found = refine(pictures, *shared, translation=given[0].translation, known_axes=known)
     seconds = time.perf_counter() - begin
     refined = [Recording(each.log, each.camera, each.exposure, each.translation) for each in found]
     return Row(

@@ -1,8 +1,8 @@
 """Learn the denoiser of the prior "cnn": ``python -m benchmarks.train_cnn``; writes rsdeblur/deconv/cnn.onnx.
 
 Needs the extra `train` (PyTorch), and about an hour on two cores. The network learns to remove white noise of all
-levels from crops of sharp pictures: those of `benchmarks.train_wavelet` and more that scikit-image and scikit-learn
-contain. The benchmarks use none of them.
+levels from crops of sharp pictures: two of the folder `sharp` beside the recordings, and those that scikit-image and
+scikit-learn contain. The benchmarks use none of them.
 
 Everything is seeded, but sums of threads differ in their last bits, and so does the network after many steps.
 """
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -22,13 +23,12 @@ import sklearn.datasets
 import torch
 from numpy.typing import NDArray
 from onnx import helper, numpy_helper
+from PIL import Image as Pillow
 from rich.progress import track
 
-from benchmarks.data import Image, require_data
-from benchmarks.train_wavelet import pictures, reduced
+from benchmarks.data import DATA, Image, require_data
 from rsdeblur import to_linear
-from rsdeblur.deconv.cnn import NETWORK
-from rsdeblur.deconv.wavelet import OPPONENT
+from rsdeblur.deconv.cnn import NETWORK, OPPONENT
 
 # Layers, and planes between them.
 LAYERS, PLANES = 10, 48
@@ -42,6 +42,30 @@ NOISES, CROPS, CROP = (0.5, 60.0), 24, 96
 # Shares of light (the others are encoded values), of single channels, and of brightness (the rest are differences of
 # colour).
 LINEAR, CHANNELS, BRIGHTNESS = 0.4, 0.2, 0.55
+
+
+def pictures() -> list[Image]:
+    """Return the sharp pictures, values in [0, 1], reduced by whole factors until they are sharp at each pixel."""
+    bundled = Path(skimage.data.__file__).parent
+    sources = {
+        DATA / "sharp" / "imagecompression_flower_foveon_rgb8.png": (1, 2, 3),
+        DATA / "sharp" / "opensfm_berlin_01.jpg": (2, 3, 4),
+        **{bundled / name: (1,) for name in ("astronaut.png", "chelsea.png", "coffee.png", "rocket.jpg")},
+        bundled / "motorcycle_left.png": (1, 2),
+    }
+    return reduced(sources)
+
+
+def reduced(sources: Mapping[Path, tuple[int, ...]]) -> list[Image]:
+    """Return pictures reduced by each of their factors, values in [0, 1]."""
+    found = []
+    for path, factors in sources.items():
+        with Pillow.open(path) as stored:
+            for factor in factors:
+                size = stored.width // factor, stored.height // factor
+                smaller = stored.convert("RGB").resize(size, Pillow.Resampling.LANCZOS)
+                found.append(np.asarray(smaller, dtype=np.float32) / np.float32(255))
+    return found
 
 
 def planes() -> tuple[list[Image], NDArray[np.float64]]:

@@ -2,8 +2,8 @@
 
 Simulated captures are deblurred with the right motion, with the small errors of real recordings, and with wrong motion.
 The first table counts the verdicts in each case, and lists the gain by the fading of light below black. The second
-compares the verdicts with the truth: is the result better or worse than the blurred picture? The third shows the effect
-of ``fallback=True`` on results called bad. With ``--phone`` the pictures are processed as by a phone.
+compares the verdicts with the truth: is the result better or worse than the blurred picture? With ``--phone`` the
+pictures are processed as by a phone.
 
 Thresholds were chosen on fourteen captures, at first on those of odd number (1st, 3rd, ...); the default here is the
 other half. With ``--others`` there are eighty more, on which the thresholds of "bad" were chosen as well, and with
@@ -39,10 +39,8 @@ from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import PRIORS, VERDICTS, Prior
 from rsdeblur.estimate import QualityCheck
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.mending import fade_undershoot
 from rsdeblur.pipeline import steps
-from rsdeblur.pipeline.steps import fall_back
 
 # Least gain or loss, dB, at which a result counts as better or worse than the blurred picture, and clearly better.
 EQUAL, CLEAR = 0.5, 2.0
@@ -60,9 +58,8 @@ class Trial:
     ----------
     capture, case : str
         Their names.
-    gain, unfaded, blended : float
-        PSNR above that of the blurred picture, dB: of the result, without the fading of light below black, and with
-        `fallback`.
+    gain, unfaded : float
+        PSNR above that of the blurred picture, dB: of the result, and without the fading of light below black.
     check : QualityCheck
         Check of the result.
     """
@@ -71,7 +68,6 @@ class Trial:
     case: str
     gain: float
     unfaded: float
-    blended: float
     check: QualityCheck
 
 
@@ -138,30 +134,22 @@ def trials(captures: dict[str, SimulatedCapture], prior: Prior) -> list[Trial]:
         except RsdeblurError:
             continue
         assert result.check is not None
-        blended = result.image.copy()
-        if result.check.verdict == "bad":
-            fall_back(EncodedImage(blurred, "linear"), result.check, blended)
         # Linear priors do not fade.
-        images = blurred, result.image, unfaded.pop() if unfaded else result.image, blended
-        before, after, without, with_fallback = (quality(truth, image)[0] for image in images)
-        gains = (after - before, without - before, with_fallback - before)
+        images = blurred, result.image, unfaded.pop() if unfaded else result.image
+        before, after, without = (quality(truth, image)[0] for image in images)
+        gains = (after - before, without - before)
         all_trials.append(Trial(capture.name, case, *gains, result.check))
     return all_trials
 
 
 def report(all_trials: list[Trial]) -> str:
-    """Return the tables: verdicts and fading by case, verdicts by outcome, bad results with fallback, and fading."""
+    """Return the tables: verdicts and fading by case, verdicts by outcome, and fading."""
     cases = _grouped(all_trials, lambda trial: trial.case)
     by_case = [[case, *_counts(some), *_fading(some)] for case, some in cases.items()]
     outcomes = _grouped(sorted(all_trials, key=lambda trial: -trial.gain), _outcome)
     by_outcome = [[f"result {name}", *_counts(some)] for name, some in outcomes.items()]
     columns = ["", "results", *VERDICTS]
     tables = [markdown([*columns, "fading gains, dB", "least", "most"], by_case), markdown(columns, by_outcome)]
-    bad = [trial for trial in all_trials if trial.check.verdict == "bad"]
-    if bad:
-        gains = {"as they are": [t.gain for t in bad], "with fallback": [t.blended for t in bad]}
-        rows = [[name, *_signed(min(some), statistics.median(some), max(some))] for name, some in gains.items()]
-        tables.append(markdown(["bad results, dB above the input", "least", "median", "most"], rows))
     rows = []
     for name, some in (("with fading", [t.gain for t in all_trials]), ("without", [t.unfaded for t in all_trials])):
         rows.append([name, str(sum(gain < -EQUAL for gain in some)), *_signed(min(some), statistics.mean(some))])

@@ -1,7 +1,7 @@
 /*
  * Numeric kernels of rsdeblur, independent of Python.
  *
- * Arrays are dense and row-major, of native float32. A complex value is two floats, real part first. Sizes count the
+ * Arrays are dense and row-major, of native float32 unless they say otherwise. A complex value is two floats, real part first. Sizes count the
  * elements that each comment names. The caller owns all memory; the kernels allocate, keep and free nothing. Arrays of
  * one call must not overlap. Functions are thread-safe on distinct outputs. With a size of zero, a function does
  * nothing and returns RSD_OK. If it returns anything else, it has written nothing.
@@ -19,7 +19,7 @@ typedef enum {
     RSD_OK = 0,
     RSD_NULL = 1, /* a pointer is null although its array is not empty */
     RSD_SIZE = 2, /* a size overflows, or a stride is shorter than the line it spans */
-    RSD_MODEL = 3 /* the tables of a rowwise model are inconsistent */
+    RSD_MODEL = 3 /* a table contains positions outside an array, or in a wrong order */
 } rsd_status;
 
 /* Return a line of English for a status, in static memory, never null. */
@@ -35,6 +35,38 @@ const char *rsd_simd_level(void);
  * response  n complex
  */
 rsd_status rsd_spectral_multiply(float *spectra, const float *response, size_t channels, size_t n);
+
+/*
+ * Add a picture's part to the normal equations: share conj(H) G to `signal` and share |H|^2 to `power`, or set them to
+ * it if `first`.
+ *
+ * spectra   channels x n complex: G
+ * otf       n complex: H
+ * signal    channels x n complex
+ * power     n floats
+ */
+rsd_status rsd_add_normal(const float *spectra, const float *otf, float share, int first, float *signal, float *power,
+                          size_t channels, size_t n);
+
+/* A prior that pulls; see rsdeblur.kernels.spectral.solve_normal_numpy. */
+typedef struct {
+    float nsr;
+    const float *coupling; /* 3: weights of the picture, its gradient and its second derivatives */
+    float pull;
+    const float *across, *down; /* a float per column, and per place in a column: squared frequency responses */
+} rsd_prior;
+
+/*
+ * Solve the normal equations of rsd_add_normal:
+ *
+ *     spectra = scale ((1 + nsr) signal + pull spectra) / (power + nsr + c0 + c1 d + c2 d^2),  d = across + down.
+ *
+ * signal    channels x columns x length complex
+ * power     columns x length floats
+ * spectra   as `signal`; spectra of the prior's pull, which the solution replaces
+ */
+rsd_status rsd_solve_normal(const float *signal, const float *power, rsd_prior prior, float scale, float *spectra,
+                            size_t channels, size_t columns, size_t length);
 
 /*
  * Add weighted lines of a slab to an accumulator: accumulator[l, i] += weights[i] * slab[l, i].
@@ -145,6 +177,37 @@ rsd_status rsd_shrunk_grad_adjoint(rsd_picture picture, size_t top, size_t rows,
                                    float *workspace, float *out);
 rsd_status rsd_shrunk_derivatives_adjoint(rsd_picture picture, size_t top, size_t rows, rsd_shrinkage shrinkage,
                                           float *workspace, float *out);
+
+/* Periodograms of tiles and their expectations; see rsdeblur.kernels.whittle. */
+typedef struct {
+    size_t tiles, frequencies, places, directions;
+    const float *power, *noise; /* tiles x frequencies */
+    const float *expected;      /* places x frequencies */
+    const int32_t *place;       /* tiles: index of each tile's place */
+    const int32_t *sectors;     /* first frequency of each direction, ascending, and the end of the last one */
+} rsd_tiles;
+
+/* Levels of the noise, and where the search for the gains begins under each of them. */
+typedef struct {
+    size_t count;
+    const double *levels; /* count */
+    const double *starts; /* tiles x count x 2: logarithms of the first gain, the same in all directions, and the least */
+    double stiffness;
+} rsd_gain_search;
+
+/* Values of workspace per direction. */
+#define RSD_FIT_TERMS 3
+
+/*
+ * Find the gains and the level of the noise under which the periodogram of each tile is most likely.
+ *
+ * workspace  RSD_FIT_TERMS x directions doubles
+ * nats       tiles doubles: the negative log-likelihoods
+ * gains      tiles x directions doubles
+ * chosen     tiles doubles: the levels
+ */
+rsd_status rsd_fit_tiles(const rsd_tiles *tiles, rsd_gain_search search, double *workspace, double *nats,
+                         double *gains, double *chosen);
 
 /*
  * Rowwise: 16 frequencies at once, one per lane. A record is a complex value for all lanes: 16 real parts, then 16

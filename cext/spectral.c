@@ -1,3 +1,4 @@
+#include <float.h>
 #include <string.h>
 
 #include "internal.h"
@@ -13,7 +14,7 @@ const char *rsd_status_message(rsd_status status)
     case RSD_SIZE:
         return "a size overflows, or a stride is shorter than the line it spans";
     case RSD_MODEL:
-        return "the tables of the rowwise model are inconsistent";
+        return "a table is inconsistent: positions outside an array, or in a wrong order";
     }
     return "unknown status";
 }
@@ -50,6 +51,99 @@ rsd_status rsd_spectral_multiply(float *spectra, const float *response, size_t c
         return RSD_SIZE;
     for (size_t c = 0; c < channels; c++)
         multiply(spectra + c * 2 * n, response, n);
+    return RSD_OK;
+}
+
+/* Values of each channel that are worked on together: those of several arrays stay in the first-level cache. */
+#define CHUNK 256
+
+RSD_CLONES
+static void add_power(const float *restrict otf, float share, const bool first, float *restrict power, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        const float re = otf[2 * i], im = otf[2 * i + 1], here = share * (re * re + im * im);
+        power[i] = first ? here : power[i] + here;
+    }
+}
+
+RSD_CLONES
+static void add_signal(const float *restrict otf, const float *restrict spectrum, float share, const bool first,
+                       float *restrict signal, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        const float h_re = otf[2 * i], h_im = otf[2 * i + 1], g_re = spectrum[2 * i], g_im = spectrum[2 * i + 1];
+        const float re = share * (h_re * g_re + h_im * g_im), im = share * (h_re * g_im - h_im * g_re);
+        signal[2 * i] = first ? re : signal[2 * i] + re;
+        signal[2 * i + 1] = first ? im : signal[2 * i + 1] + im;
+    }
+}
+
+rsd_status rsd_add_normal(const float *spectra, const float *otf, float share, int first, float *signal, float *power,
+                          size_t channels, size_t n)
+{
+    if (channels == 0 || n == 0)
+        return RSD_OK;
+    if (spectra == NULL || otf == NULL || signal == NULL || power == NULL)
+        return RSD_NULL;
+    if (n > PTRDIFF_MAX / 2 || !rsd_addressable(channels, 2 * n))
+        return RSD_SIZE;
+    for (size_t i = 0; i < n; i += CHUNK) {
+        const size_t count = n - i < CHUNK ? n - i : CHUNK;
+        add_power(otf + 2 * i, share, first, power + i, count);
+        for (size_t c = 0; c < channels; c++)
+            add_signal(otf + 2 * i, spectra + 2 * (c * n + i), share, first, signal + 2 * (c * n + i), count);
+    }
+    return RSD_OK;
+}
+
+/* Compute scale / (power + ridge + c1 d + c2 d^2), d = across + down. */
+RSD_CLONES
+static void find_gains(const float *restrict power, const float *restrict down, float across, float ridge,
+                       const float *restrict coupling, float scale, float *restrict gains, size_t n)
+{
+    const float gradient = coupling[1], bend = coupling[2];
+    for (size_t i = 0; i < n; i++) {
+        const float squared = across + down[i];
+        const float normal = power[i] + ridge + squared * (gradient + squared * bend);
+        /* Frequencies that no PSF passes and no prior restores contain no signal. */
+        gains[i] = scale / (normal < FLT_MIN ? FLT_MIN : normal);
+    }
+}
+
+/* spectrum = gains (norm signal + pull spectrum) */
+RSD_CLONES
+static void combine(const float *restrict signal, const float *restrict gains, float norm, float pull,
+                    float *restrict spectrum, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        spectrum[2 * i] = gains[i] * (norm * signal[2 * i] + pull * spectrum[2 * i]);
+        spectrum[2 * i + 1] = gains[i] * (norm * signal[2 * i + 1] + pull * spectrum[2 * i + 1]);
+    }
+}
+
+rsd_status rsd_solve_normal(const float *signal, const float *power, rsd_prior prior, float scale, float *spectra,
+                            size_t channels, size_t columns, size_t length)
+{
+    if (channels == 0 || columns == 0 || length == 0)
+        return RSD_OK;
+    if (signal == NULL || power == NULL || prior.coupling == NULL || prior.across == NULL || prior.down == NULL ||
+        spectra == NULL)
+        return RSD_NULL;
+    if (!rsd_addressable(columns, length) || columns * length > PTRDIFF_MAX / 2 ||
+        !rsd_addressable(channels, 2 * columns * length))
+        return RSD_SIZE;
+    const float ridge = prior.nsr + prior.coupling[0];
+    float gains[CHUNK];
+    for (size_t k = 0; k < columns; k++)
+        for (size_t i = 0; i < length; i += CHUNK) {
+            const size_t count = length - i < CHUNK ? length - i : CHUNK;
+            find_gains(power + k * length + i, prior.down + i, prior.across[k], ridge, prior.coupling, scale, gains,
+                       count);
+            for (size_t c = 0; c < channels; c++) {
+                const size_t at = 2 * ((c * columns + k) * length + i);
+                combine(signal + at, gains, 1.0f + prior.nsr, prior.pull, spectra + at, count);
+            }
+        }
     return RSD_OK;
 }
 

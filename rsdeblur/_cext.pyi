@@ -5,14 +5,29 @@ from numpy.typing import NDArray
 
 SIMD: Final[str]
 
-def multiply(spectra: NDArray[np.complex64], response: NDArray[np.complex64], /) -> None: ...
+def multiply(spectra: NDArray[np.complex64], responses: NDArray[np.complex64], /) -> None: ...
+def add_normal(
+    spectra: NDArray[np.complex64],
+    otfs: NDArray[np.complex64],
+    share: float,
+    first: bool,
+    signal: NDArray[np.complex64],
+    power: NDArray[np.float32],
+    /,
+) -> None: ...
+def solve_normal(*arguments: NDArray[np.generic] | float) -> None: ...
 def blend(
     accumulator: NDArray[np.complex64],
-    slab: NDArray[np.complex64],
+    slabs: NDArray[np.complex64],
     weights: NDArray[np.float32],
-    to_position: int,
-    from_position: int,
+    spans: NDArray[np.int32],
     /,
+) -> None: ...
+def unpair(
+    pairs: NDArray[np.complex64], turns: NDArray[np.complex64], spectra: NDArray[np.complex64], top: int, /
+) -> None: ...
+def pair(
+    spectra: NDArray[np.complex64], top: int, turns: NDArray[np.complex64], pairs: NDArray[np.complex64], /
 ) -> None: ...
 def picture_to_lines(
     picture: NDArray[np.float32],
@@ -44,14 +59,15 @@ def columns_to_rows(
 def cut_lines(
     columns: NDArray[np.complex64],
     height: int,
-    start: int,
+    starts: NDArray[np.int32],
     fade: NDArray[np.float32],
     periodic: bool,
-    slab: NDArray[np.complex64],
+    slabs: NDArray[np.complex64],
     /,
 ) -> None: ...
 def shrunk_grad_adjoint(*arguments: NDArray[np.float32] | float) -> None: ...
 def shrunk_derivatives_adjoint(*arguments: NDArray[np.float32] | float) -> None: ...
+def fit_tiles(*arguments: NDArray[np.generic] | float) -> None: ...
 def rowwise_forward(*arguments: NDArray[np.generic]) -> None: ...
 def rowwise_adjoint(*arguments: NDArray[np.generic]) -> None: ...
 def rowwise_solve(*arguments: NDArray[np.generic] | float) -> None: ...

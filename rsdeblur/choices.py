@@ -10,7 +10,7 @@ from typing import Literal, get_args
 Mode = Literal["global", "banded", "rowwise"]
 MODES: tuple[Mode, ...] = get_args(Mode)
 
-Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian", "wavelet", "cnn"]
+Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian", "cnn"]
 PRIORS: tuple[Prior, ...] = get_args(Prior)
 # Penalties on derivatives; `rsdeblur.deconv.priors.KINDS` describes them.
 DERIVATIVE_PRIORS: tuple[Prior, ...] = ("gradient", "tv", "hyper-laplacian")

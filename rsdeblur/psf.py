@@ -319,7 +319,7 @@ class PsfBank:
         Returns
         -------
         PsfBank
-            With its positions in the whole picture.
+            Its positions count from the first row and column of the part. The outermost may lie outside.
         """
         for name, part in (("rows", rows), ("cols", cols)):
             validate.instance(name, part, slice)
@@ -327,7 +327,8 @@ class PsfBank:
                 validate.finite(f"the {end} of {name}", getattr(part, end))
         bands, strips = affecting(self.rows, rows), affecting(self.cols, cols)
         paths = None if self.displacements is None else self.displacements[bands, strips]
-        return PsfBank(self.kernels[bands, strips], self.rows[bands], self.cols[strips], paths, self.softness)
+        places = self.rows[bands] - rows.start, self.cols[strips] - cols.start
+        return PsfBank(self.kernels[bands, strips], *places, paths, self.softness)
 
     def turned(self, height: int) -> PsfBank:
         """Return the bank of the picture turned a quarter counter-clockwise (`numpy.rot90(picture)`).

@@ -145,14 +145,15 @@ def test_interpolates_like_the_whole():
     bank = random_bank()
     for rows, cols in ((slice(0, 40), slice(0, 50)), (slice(11, 13), slice(3, 9)), (slice(30, 40), slice(20, 50))):
         part = bank.cut(rows, cols)
-        for axis, (some, every, inside) in enumerate(((part.rows, bank.rows, rows), (part.cols, bank.cols, cols))):
+        places = part.rows + rows.start, part.cols + cols.start
+        for axis, (some, every, inside) in enumerate(zip(places, (bank.rows, bank.cols), (rows, cols), strict=True)):
             weights = hat_weights(every, 50)[:, inside]
             kept = hat_weights(some, 50)[:, inside]
             first = int(np.searchsorted(every, some[0]))
             np.testing.assert_array_equal(weights[first : first + len(some)], kept)
             assert not np.delete(weights, np.s_[first : first + len(some)], axis=0).any()
             assert part.kernels.shape[axis] == len(some)
-        corner = np.searchsorted(bank.rows, part.rows[0]), np.searchsorted(bank.cols, part.cols[0])
+        corner = np.searchsorted(bank.rows, places[0][0]), np.searchsorted(bank.cols, places[1][0])
         np.testing.assert_allclose(part.kernels[0, 0], bank.kernels[corner], rtol=3e-7)
 
 

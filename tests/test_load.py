@@ -1,7 +1,5 @@
 """Solvers in many threads and in forked and spawned processes give the bits of one thread and never hang."""
 
-import os
-import signal
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -11,11 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from numba.core.compiler_lock import global_compiler_lock
 from numpy.typing import NDArray
 
 from rsdeblur import Camera, Deconvolver, Exposure, InputError, deblur, hand_shake, psfs
-from rsdeblur.deconv import DerivativePrior, PlugAndPlayPrior, RowBlur, RowDeconvolver, TileQuadratic, fft
+from rsdeblur.deconv import DerivativePrior, PlugAndPlayPrior, RowBlur, RowDeconvolver, TileQuadratic
 from rsdeblur.motion import BlurPaths, Capture
 
 Image = NDArray[np.float32]
@@ -26,9 +23,6 @@ RECORDING = hand_shake(0.3, seed=1), Camera(WIDTH, HEIGHT, 60.0, readout_time=0.
 PICTURE = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
 
 KINDS = "global", "banded", "banded and strips", "rowwise", "total variation", "RowBlur"
-forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
-# Of Python 3.12, about what is tested here.
-many_threads = pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
 
 
 def noise(count: int) -> Image:
@@ -109,34 +103,6 @@ def test_other_processes_get_the_same_bits(method: str) -> None:
         process.kill()
         done.set()
         other.join()
-
-
-def in_a_fork(work: Callable[[], Any]) -> int:
-    """Return the exit status of a forked process that works for at most 10 s."""
-    child = os.fork()
-    if child == 0:
-        signal.alarm(10)
-        work()
-        os._exit(0)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-
-
-@forks
-@many_threads
-@pytest.mark.parametrize("lock", [fft._planner, global_compiler_lock])
-def test_a_fork_waits_for_what_a_process_has_once(lock: Any) -> None:
-    begun, held = threading.Event(), threading.Event()
-
-    def hold() -> None:
-        with lock:
-            begun.set()
-            held.wait(0.2)
-
-    other = threading.Thread(target=hold)
-    other.start()
-    begun.wait(20)
-    assert in_a_fork(lock.acquire) == 0
-    other.join()
 
 
 def test_a_function_that_a_solver_calls_may_not_use_it() -> None:

@@ -10,13 +10,13 @@ from scipy.signal import fftconvolve
 
 from benchmarks import data
 from benchmarks.data import Image
-from benchmarks.paper.continuations import reflected, tapered
+from benchmarks.paper.continuations import reflected, smooth, tapered
 from benchmarks.paper.figure import Cell, Figure, pictures
 from rsdeblur import Camera, Deconvolver, Exposure, PsfBank, psfs
 from rsdeblur.choices import Border
 from rsdeblur.deconv.rowwise import RowDeconvolver
 from rsdeblur.deconv.tiling import fade
-from rsdeblur.deconv.unknown_border import extended_shape, smooth
+from rsdeblur.deconv.unknown_border import extended_shape
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.motion import BlurPaths, Capture
 

@@ -18,6 +18,41 @@ static void test_multiply(size_t channels, size_t n)
     free(spectra), free(before), free(response);
 }
 
+/* What two pictures add to the normal equations, and their solution. `first` ignores what is in the sums. */
+static void test_normal(size_t channels, size_t columns, size_t length)
+{
+    const size_t n = columns * length;
+    const float coupling[3] = {0.1f, 0.2f, 0.3f};
+    float *spectra = noise(2 * channels * n, 10), *otf = noise(2 * n, 11), *pull = noise(2 * channels * n, 12);
+    float *result = noise(2 * channels * n, 12), *across = noise(columns, 13), *down = noise(length, 14);
+    float *signal = noise(2 * channels * n, 15), *power = noise(n, 16);
+    const rsd_prior prior = {.nsr = 0.01f, .coupling = coupling, .pull = 0.5f, .across = across, .down = down};
+    for (size_t i = 0; i < 2 * channels * n; i++)
+        signal[i] = NAN;
+    for (size_t i = 0; i < n; i++)
+        power[i] = NAN;
+    CHECK(rsd_add_normal(spectra, otf, 0.5f, 1, signal, power, channels, n) == RSD_OK);
+    CHECK(rsd_add_normal(spectra, otf, 0.25f, 0, signal, power, channels, n) == RSD_OK);
+    for (size_t k = 0; k < columns; k++) /* squared magnitudes are not negative */
+        across[k] = fabsf(across[k]);
+    for (size_t i = 0; i < length; i++)
+        down[i] = fabsf(down[i]);
+    CHECK(rsd_solve_normal(signal, power, prior, 2.0f, result, channels, columns, length) == RSD_OK);
+    for (size_t i = 0; i < channels * n; i++) {
+        const double h_re = otf[2 * (i % n)], h_im = otf[2 * (i % n) + 1];
+        const double re = 0.75 * (h_re * spectra[2 * i] + h_im * spectra[2 * i + 1]);
+        const double im = 0.75 * (h_re * spectra[2 * i + 1] - h_im * spectra[2 * i]);
+        const double squared = (double)across[i % n / length] + down[i % length];
+        const double normal =
+            0.75 * (h_re * h_re + h_im * h_im) + 0.01 + 0.1 + squared * 0.2 + squared * squared * 0.3;
+        CHECK(fabs(signal[2 * i] - re) < TOLERANCE && fabs(signal[2 * i + 1] - im) < TOLERANCE);
+        /* Divisors are at least 0.11. */
+        CHECK(fabs(result[2 * i] - 2.0 * (1.01 * re + 0.5 * pull[2 * i]) / normal) < 20 * TOLERANCE);
+        CHECK(fabs(result[2 * i + 1] - 2.0 * (1.01 * im + 0.5 * pull[2 * i + 1]) / normal) < 20 * TOLERANCE);
+    }
+    free(spectra), free(otf), free(pull), free(result), free(across), free(down), free(signal), free(power);
+}
+
 static void test_blend(size_t lines, size_t n, size_t skipped)
 {
     const size_t stride = n + skipped;
@@ -75,6 +110,24 @@ static void test_refusals(void)
     CHECK(rsd_spectral_multiply(a, b, 1, SIZE_MAX / 2 + 1) == RSD_SIZE);
     CHECK(rsd_spectral_multiply(a, b, SIZE_MAX / 4, 2) == RSD_SIZE);
     CHECK(rsd_spectral_multiply(NULL, NULL, 0, 2) == RSD_OK);
+    const rsd_prior prior = {.coupling = b, .across = b, .down = b};
+    rsd_prior empty = prior;
+    empty.coupling = NULL;
+    CHECK(rsd_add_normal(NULL, b, 1.0f, 1, a, a + 2, 1, 1) == RSD_NULL);
+    CHECK(rsd_add_normal(b, NULL, 1.0f, 1, a, a + 2, 1, 1) == RSD_NULL);
+    CHECK(rsd_add_normal(b, b, 1.0f, 1, NULL, a, 1, 1) == RSD_NULL);
+    CHECK(rsd_add_normal(b, b, 1.0f, 1, a, NULL, 1, 1) == RSD_NULL);
+    CHECK(rsd_add_normal(b, b, 1.0f, 1, a, a + 2, 1, SIZE_MAX / 2) == RSD_SIZE);
+    CHECK(rsd_add_normal(b, b, 1.0f, 1, a, a + 2, SIZE_MAX / 4, 2) == RSD_SIZE);
+    CHECK(rsd_add_normal(NULL, NULL, 1.0f, 1, NULL, NULL, 1, 0) == RSD_OK);
+    CHECK(rsd_solve_normal(NULL, b, prior, 1.0f, a, 1, 1, 1) == RSD_NULL);
+    CHECK(rsd_solve_normal(b, NULL, prior, 1.0f, a, 1, 1, 1) == RSD_NULL);
+    CHECK(rsd_solve_normal(b, b, empty, 1.0f, a, 1, 1, 1) == RSD_NULL);
+    CHECK(rsd_solve_normal(b, b, prior, 1.0f, NULL, 1, 1, 1) == RSD_NULL);
+    CHECK(rsd_solve_normal(b, b, prior, 1.0f, a, 1, SIZE_MAX / 4, 2) == RSD_SIZE);
+    CHECK(rsd_solve_normal(b, b, prior, 1.0f, a, 1, 2, SIZE_MAX / 4) == RSD_SIZE);
+    CHECK(rsd_solve_normal(b, b, prior, 1.0f, a, SIZE_MAX / 4, 2, 1) == RSD_SIZE);
+    CHECK(rsd_solve_normal(NULL, NULL, empty, 1.0f, NULL, 1, 1, 0) == RSD_OK);
     CHECK(rsd_blend_lines(NULL, b, b, 1, 1, 1, 1) == RSD_NULL);
     CHECK(rsd_blend_lines(a, NULL, b, 1, 1, 1, 1) == RSD_NULL);
     CHECK(rsd_blend_lines(a, b, NULL, 1, 1, 1, 1) == RSD_NULL);
@@ -100,11 +153,14 @@ int main(void)
     for (size_t n = 0; n <= 40; n++) {
         test_multiply(1, n);
         test_multiply(3, n);
+        test_normal(1, 1, n);
+        test_normal(3, 2, n);
         test_blend(1, n, 0);
         test_blend(5, n, 3);
         if (n > 0)
             test_pairs(n, n % 3);
     }
+    test_normal(2, 2, 300); /* more than are worked on together */
     test_refusals();
     CHECK(strlen(rsd_simd_level()) > 0);
     for (int status = RSD_OK; status <= RSD_SIZE + 1; status++)

@@ -36,9 +36,9 @@ MODULES = (
 
 
 JSON = """Each command with ``--json`` prints one value, which has ``schema``: {schema}. That number rises when a key of
-this list is removed or changes its meaning. Keys under ``details`` may change. A key with ``?`` may be missing. ``[]``
-is an item of a list, ``*`` a name of a map. The files ``batch.json``, ``compare.json`` and ``triage.json`` are as their
-commands print.
+this list is removed or changes its meaning. Other keys may change. A key with ``?`` may be missing. ``[]`` is an item
+of a list, ``*`` a name of a map. The files ``batch.json``, ``compare.json`` and ``triage.json`` are as their commands
+print.
 """
 
 

@@ -2,9 +2,8 @@
 Priors
 ======
 
-A prior is an assumption about sharp pictures. ``"wiener"`` has none beyond the spectrum, ``"gradient"``, ``"tv"`` and
-``"hyper-laplacian"`` prefer small gradients ever more sparsely, and ``"wavelet"`` shrinks wavelet coefficients with
-learned factors. Automatic strengths are used for all.
+A prior is an assumption about sharp pictures. ``"wiener"`` has none beyond the spectrum, and ``"gradient"``, ``"tv"``
+and ``"hyper-laplacian"`` prefer small gradients ever more sparsely. Automatic strengths are used for all.
 """
 
 import rsdeblur
@@ -16,6 +15,6 @@ exposure = rsdeblur.Exposure(start=0.2, duration=1 / 25)
 blurred, _, truth = rsdeblur.simulate(rsdeblur.scene(200, 270), log, camera, exposure, noise=0.01)
 
 pictures = {"blurred": blurred}
-for prior in ("wiener", "gradient", "tv", "hyper-laplacian", "wavelet"):
+for prior in ("wiener", "gradient", "tv", "hyper-laplacian"):
     pictures[prior] = rsdeblur.deblur(blurred, log, camera, exposure, prior=prior, check=False)
 axes = rsdeblur.plot.comparison(pictures, reference=truth, crop=(40, 30, 60, 80))

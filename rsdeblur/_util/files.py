@@ -7,11 +7,9 @@ addresses, and only in containers that open no other files.
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 import secrets
 import shutil
-import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -38,24 +36,19 @@ def open_file(path: str | os.PathLike[str], what: str) -> BinaryIO:
     """Open a regular file for reading, which the caller closes; a `FileFormatError` calls it a `what`."""
     path = checked_path(path)
     try:
-        file = open(path, "rb", opener=_open_at_once)  # noqa: SIM115 (the caller closes it)
-    except (OSError, ValueError) as error:
-        raise _unreadable(path, what, error) from error
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        file.close()
-        raise FileFormatError(
-            f"{path}: cannot read the {what}: it is a pipe or a device; save its output to a file first"
-        )
-    return file
+        # Opening a pipe waits for its writer.
+        if path.is_file() or not path.exists():
+            return open(path, "rb")
+    except (OSError, ValueError) as error:  # ValueError: NUL or lone surrogates, which no name can have
+        raise FileFormatError(f"{path}: cannot read the {what}: {getattr(error, 'strerror', None) or error}") from error
+    kind = "a folder; give a file" if path.is_dir() else "a pipe or a device; save its output to a file first"
+    raise FileFormatError(f"{path}: cannot read the {what}: it is {kind}")
 
 
 def read_file(path: str | os.PathLike[str], what: str, size: int = -1) -> bytes:
     """Return the content of a regular file, or its first `size` bytes; see :func:`open_file`."""
     with open_file(path, what) as file:
-        try:
-            return file.read(size)
-        except OSError as error:
-            raise _unreadable(path, what, error) from error
+        return file.read(size)
 
 
 def file_state(path: Path) -> FileState:
@@ -71,19 +64,6 @@ def ffmpeg_input(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Return the arguments of `av.open` that read a file."""
     # FFmpeg takes names for URLs: 10:30.mp4 has the protocol 10.
     return {"file": f"file:{os.path.abspath(path)}", "options": {"format_whitelist": ",".join(CONTAINERS)}}
-
-
-def _open_at_once(path: str, flags: int) -> int:
-    # Without this flag, opening a pipe waits for its writer.
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
-
-
-def _unreadable(path: str | os.PathLike[str], what: str, error: OSError | ValueError) -> FileFormatError:
-    # A ValueError is raised for names that no file can have, with NUL or lone surrogates.
-    reason = error.strerror if isinstance(error, OSError) else None
-    if isinstance(error, IsADirectoryError):
-        reason = "it is a folder; give a file"
-    return FileFormatError(f"{Path(path)}: cannot read the {what}: {reason or error}")
 
 
 def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
@@ -105,48 +85,26 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     that it points to is replaced. Mode and extended attributes of a replaced file are kept.
     """
     target = _target(path)
+    # `tempfile` would give the file a mode of its own; this one has the mode of any new file.
+    part = target.with_name(f".rsdeblur-{secrets.token_hex(8)}.part")
     try:
-        with temporary_beside(target) as file:
+        with open(part, "x+b") as file:
+            with suppress(OSError):
+                shutil.copystat(target, part)
             yield file
             file.flush()
             try:
-                os.fsync(file.fileno())
-            except OSError as error:  # some file systems cannot synchronise; those of a full or broken disk raise
+                os.fsync(file.fileno())  # a full disk may be noticed only here
+            except OSError as error:  # some file systems cannot synchronise
                 if error.errno not in (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EPERM):
                     raise
-            file.close()  # Windows does not rename an open file
-            os.replace(file.name, target)
+        os.replace(part, target)
     except OutputError:
         raise
     except OSError as error:
         raise OutputError(f"{path}: cannot write the file: {error.strerror or error}") from error
-
-
-def remove_unfinished(path: str | os.PathLike[str]) -> None:
-    """Remove the temporary files of `path`; call it when the process that wrote them was killed."""
-    target = _target(path)
-    for part in target.parent.glob(f"{_mark(target)}*.part"):
-        part.unlink(missing_ok=True)
-
-
-def _mark(target: Path) -> str:
-    """Return the start of the names of temporary files of `target`, and of no other file in its folder."""
-    # A digest, because a name of 255 bytes leaves no room for more.
-    return f".rsdeblur-{hashlib.sha256(os.fsencode(target.name)).hexdigest()[:16]}-"
-
-
-@contextmanager
-def temporary_beside(target: Path) -> Iterator[BinaryIO]:
-    """Open a new file beside `target` with its mode and extended attributes; remove it at the end."""
-    # `tempfile` would give the file a mode of its own; this one has the mode of any new file.
-    path = target.with_name(f"{_mark(target)}{secrets.token_hex(8)}.part")
-    try:
-        with open(path, "x+b") as file:
-            with suppress(OSError):
-                shutil.copystat(target, path)
-            yield file
     finally:
-        path.unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
 
 
 def _target(path: str | os.PathLike[str]) -> Path:
@@ -154,15 +112,9 @@ def _target(path: str | os.PathLike[str]) -> Path:
     path = checked_path(path)
     try:
         target = Path(os.path.realpath(path))
-        mode = target.stat().st_mode
-    except FileNotFoundError:
-        return target
-    # A ValueError is raised for names that no file can have, with NUL or lone surrogates.
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else None
-        raise OutputError(f"{path}: cannot write the file: {reason or error}") from error
-    if stat.S_ISDIR(mode):
-        raise OutputError(f"{path}: cannot write the file: a folder has this name")
-    if not stat.S_ISREG(mode):
-        raise OutputError(f"{path}: cannot write the file: it is a pipe or a device, which would be replaced")
-    return target
+        if target.is_file() or not target.exists():
+            return target
+    except (OSError, ValueError) as error:  # a name that no file can have
+        raise OutputError(f"{path}: cannot write the file: {getattr(error, 'strerror', None) or error}") from error
+    kind = "a folder has this name" if target.is_dir() else "it is a pipe or a device, which would be replaced"
+    raise OutputError(f"{path}: cannot write the file: {kind}")

@@ -8,8 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from functools import wraps
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 from weakref import WeakSet
 
 from rsdeblur._util import validate
@@ -17,7 +16,6 @@ from rsdeblur.errors import InputError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-Lock = TypeVar("Lock", bound=Any)
 
 
 def thread_count(threads: int | None) -> int:
@@ -76,13 +74,13 @@ def share(work: Callable[[int, int], None], tasks: Sequence[int], threads: int |
 
 def share_map(function: Callable[[Item], Result], items: Sequence[Item], threads: int | None) -> list[Result]:
     """Return what `function` returns for every item, computed by threads as in :func:`share`."""
-    results: dict[int, Result] = {}
+    results: list[Any] = [None] * len(items)
 
     def work(_: int, n: int) -> None:
         results[n] = function(items[n])
 
     share(work, range(len(items)), threads)
-    return [results[n] for n in range(len(items))]
+    return results
 
 
 @contextmanager
@@ -165,25 +163,15 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_renew_all)
 
 
-def held_at_forks(lock: Lock) -> Lock:
-    """Return a re-entrant lock of the process that a fork waits for: a forked process could never take it otherwise."""
-    if hasattr(os, "register_at_fork"):
-        os.register_at_fork(before=lock.acquire, after_in_parent=lock.release, after_in_child=lock.release)
-    return lock
+class once(Generic[Result]):
+    """Property whose value is computed at its first use and kept, in the object's dictionary.
 
-
-def once(compute: Callable[[Any], Result]) -> Callable[[Any], Result]:
-    """Return a getter that computes the value of each object at its first call and keeps it: `@property @once`.
-
-    It takes no lock. `functools.cached_property` of Python 3.11 has one for all objects of a class, so that threads
-    compute one after another, and a process that is forked meanwhile waits for ever.
+    It takes no lock, unlike `functools.cached_property` of Python 3.11, whose lock is one for all objects of a class.
     """
-    name = f"_{compute.__name__}_kept"
 
-    @wraps(compute)
-    def kept(self: Any) -> Result:
-        values = vars(self)
-        value: Result = values[name] if name in values else values.setdefault(name, compute(self))
+    def __init__(self, compute: Callable[[Any], Result]) -> None:
+        self._compute, self.__doc__ = compute, compute.__doc__
+
+    def __get__(self, thing: Any, _: type) -> Result:
+        value: Result = vars(thing).setdefault(self._compute.__name__, self._compute(thing))
         return value
-
-    return kept

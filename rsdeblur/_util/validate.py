@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
-from typing import Any, TypeGuard, TypeVar
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,8 +21,6 @@ MOST_SECONDS = 1e12
 # Largest `nsr`, `weight` and inverse of both. Penalties are up to 10^9 times a weight, and their products are within
 # float32.
 MOST_STRENGTH = 1e20
-
-
 # Most values of a picture: 500 megapixels of four channels.
 MOST_VALUES = 2_000_000_000
 
@@ -89,10 +87,8 @@ def finite(
         if isinstance(value, (str, bytes)) or np.ndim(value) > 0:
             raise TypeError
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} must be a number, got {shown(value)}") from None
-    except OverflowError:
-        raise InputError(f"{name} is too large for a number") from None
     if not np.isfinite(number):
         raise InputError(f"{name} must be finite, got {number}")
     if minimum is not None and number < minimum:
@@ -121,10 +117,7 @@ def noise(name: str, value: Any) -> float:
 
 def exponent(value: Any) -> float:
     """Return the exponent of a hyper-Laplacian, which must be in (0, 1]."""
-    number = finite("exponent", value, above=0.0)
-    if number > 1.0:
-        raise InputError(f'exponent must be at most 1, got {number:g}; for 2 use prior="gradient"')
-    return number
+    return finite("exponent", value, above=0.0, maximum=1.0)
 
 
 def softness(value: Any) -> float:
@@ -173,8 +166,6 @@ def array(name: str, value: ArrayLike) -> NDArray[Any]:
     """Return `value`, which must be real numbers or booleans, as an array; a list becomes one."""
     if isinstance(value, np.ma.MaskedArray):
         raise InputError(f"{name} must not be a masked array: choose values for masked elements with .filled()")
-    if value is None:
-        raise InputError(f"{name} must be an array of real numbers, got None")
     if hasattr(value, "pixels"):
         raise InputError(f"{name} must be an array, got {shown(value)}; pass its .pixels")
     try:
@@ -188,11 +179,6 @@ def array(name: str, value: ArrayLike) -> NDArray[Any]:
     return numbers
 
 
-def is_plain(value: object) -> TypeGuard[NDArray[Any]]:
-    """Return whether `value` is an array whose elements all count and whose parts may have any number of axes."""
-    return isinstance(value, np.ndarray) and not isinstance(value, (np.ma.MaskedArray, np.matrix))
-
-
 def real_array(
     name: str, value: ArrayLike, shape: tuple[int | None, ...] | None = None, *, most: float | None = None
 ) -> FloatArray:
@@ -201,11 +187,8 @@ def real_array(
     In the expected `shape`, None is any length; without one, any shape will do. `most` is the largest absolute value.
     """
     numbers = array(name, value)
-    if numbers.dtype == np.float64:
-        numbers = np.array(numbers, order="C")
-    else:
-        with np.errstate(over="ignore", invalid="ignore"):  # infinity, or a signalling NaN: refused below
-            numbers = np.array(numbers, dtype=np.float64, order="C")
+    with np.errstate(over="ignore", invalid="ignore"):  # infinity, or a signalling NaN: refused below
+        numbers = np.array(numbers, dtype=np.float64, order="C")
     if shape is not None and (
         numbers.ndim != len(shape)
         or any(n not in (None, length) for n, length in zip(shape, numbers.shape, strict=True))
@@ -267,18 +250,28 @@ def memory(what: str, size: int, pixels: int) -> None:
         )
 
 
-def mostly_beyond_white(image: NDArray[Any], white: float = 1.0) -> bool:
-    """Return whether most values of a picture would become white in integers, whose largest one represents `white`."""
-    return image.dtype.kind == "f" and bool(np.median(image[::4, ::4]) > white)
+def not_beyond_white(image: NDArray[Any], remedy: str, white: float = 1.0) -> None:
+    """Raise `InputError` if most values of a picture are beyond `white`, and would become white in integers."""
+    if image.dtype.kind == "f" and np.median(image[::4, ::4]) > white:
+        raise InputError(
+            f"image has values of up to {image.max():g}, most of them beyond 1, which is white and the most that "
+            f"integers can hold: divide image by its full scale, or {remedy}"
+        )
 
 
-def output(out: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return `out`, which must be a writable C-contiguous float32 array of `shape`, or a new one if `out` is None."""
+def output(out: Any, shape: tuple[int, ...], kinds: Sequence[type] = (np.float32,)) -> NDArray[Any]:
+    """Return `out`, a writable array of `shape` and of one of `kinds`, C-contiguous if that is float32 only.
+
+    If `out` is None, it is a new array of float32.
+    """
     if out is None:
         return empty(shape, np.float32)
-    if not is_plain(out) or out.shape != shape or out.dtype != np.float32:
-        got = f"{out.dtype} of shape {out.shape}" if is_plain(out) else type(out).__name__
-        raise InputError(f"out must be a float32 array of shape {shape}, got {got}")
-    if not (out.flags.writeable and out.flags.c_contiguous):
+    is_plain = isinstance(out, np.ndarray) and not isinstance(out, (np.ma.MaskedArray, np.matrix))
+    if not is_plain or out.shape != shape or out.dtype not in kinds:
+        got = f"{out.dtype} of shape {out.shape}" if is_plain else type(out).__name__
+        names = " or ".join(kind.__name__ for kind in kinds)
+        raise InputError(f"out must be a {names} array of shape {shape}, got {got}")
+    if not out.flags.writeable or (len(kinds) == 1 and not out.flags.c_contiguous):
         raise InputError("out must be writable and C-contiguous")
-    return out
+    array: NDArray[Any] = out
+    return array

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import signal
+import sys
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from itertools import islice
-from multiprocessing import active_children, get_context, parent_process
-from threading import Thread
+from multiprocessing import active_children, get_context
 from typing import Any, TypeVar
 
 from rsdeblur._util import memory
@@ -33,7 +32,6 @@ def run(
     tasks: Iterable[Task],  # read as workers become free
     *,
     jobs: int = 1,
-    lost: Callable[[Task], None] | None = None,  # removes what a task left whose process has died
 ) -> Generator[tuple[Task, Answer | Failure], None, None]:
     """Do `work` on every task and yield each with its answer, in the order in which they finish.
 
@@ -46,15 +44,13 @@ def run(
         while True:
             for task in islice(waiting, len(idle)):
                 worker = idle.pop()
-                running[_submit(worker, work, task)] = task, worker
+                running[worker.submit(attempt, work, task)] = task, worker
             if not running:
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 task, worker = running.pop(future)
                 # `attempt` catches what `work` raises.
                 has_died = future.exception() is not None
-                if has_died and lost is not None:
-                    lost(task)
                 idle.append(_worker() if has_died else worker)
                 yield task, Failure(DIED) if has_died else future.result()
     except BaseException:
@@ -64,9 +60,6 @@ def run(
     finally:
         for worker in [*idle, *(worker for _, worker in running.values())]:
             worker.shutdown(cancel_futures=True)
-        for task, _ in running.values():
-            if lost is not None:
-                lost(task)
 
 
 def _worker() -> Executor:
@@ -74,29 +67,13 @@ def _worker() -> Executor:
     return ProcessPoolExecutor(1, get_context("spawn"), _begin)
 
 
-def _submit(worker: Executor, work: Callable[[Task], Answer], task: Task) -> Future[Any]:
-    try:
-        return worker.submit(attempt, work, task)
-    except BrokenExecutor as error:  # it died between two tasks
-        failed: Future[Any] = Future()
-        failed.set_exception(error)
-        return failed
-
-
 def _begin() -> None:
-    """Prepare a worker: it uses its memory again, and ends when its parent is killed, but not by Ctrl-C."""
+    """Prepare a worker: it uses its memory again, and is ended by its parent, not by Ctrl-C."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # removes an unfinished file
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):  # Windows has no SIGHUP
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     memory.keep()
-    parent = parent_process()
-    assert parent is not None
-
-    def follow() -> None:
-        parent.join()
-        os._exit(1)
-
-    Thread(target=follow, daemon=True).start()
 
 
 def attempt(work: Callable[[Task], Answer], task: Task) -> Answer | Failure:

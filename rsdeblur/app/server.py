@@ -11,24 +11,21 @@ from __future__ import annotations
 
 import hmac
 import json
-import os
 import re
 import secrets
-import shutil
 import socketserver
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Mapping
 from html import escape
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from tempfile import gettempdir, mkdtemp
-from typing import Any, TypeVar
+from tempfile import TemporaryDirectory, gettempdir, mkdtemp
+from typing import Any
 from urllib.parse import parse_qs
 
 from rsdeblur.errors import InputError, OutputError, RsdeblurError
@@ -50,7 +47,6 @@ HEADERS = {
 # Of the names of temporary folders.
 PREFIX = "rsdeblur-app-"
 
-T = TypeVar("T")
 Action = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 Upload = Callable[[str, bytes], Mapping[str, Any]]
 
@@ -166,30 +162,22 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _body(self, kind: str, most: int) -> bytes:
         # A page of another origin could send a form, but neither of these types without asking first.
-        if self.headers.get("Content-Type", "").partition(";")[0].strip() != kind:
+        if self.headers.get_content_type() != kind:
             raise _Refusal(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"the body must be {kind}")
         length = self.headers.get("Content-Length", "")
-        if not (length.isascii() and length.isdigit()) or "Transfer-Encoding" in self.headers:
+        if not length.isdecimal():
             raise _Refusal(HTTPStatus.LENGTH_REQUIRED, "the request must give the length of its body")
         if len(length) > len(str(most)) or int(length) > most:
             raise _Refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"the body has more than {most} bytes")
-        body = self.rfile.read(int(length))
-        if len(body) < int(length):
-            raise _Refusal(HTTPStatus.BAD_REQUEST, "the body is shorter than its length")
-        return body
+        return self.rfile.read(int(length))
 
     def _answer(self, name: str, query: str, body: bytes) -> tuple[HTTPStatus, Mapping[str, Any]]:
         try:
             if name == "upload":
                 return HTTPStatus.OK, self.server.upload(parse_qs(query).get("name", [""])[0], body)
-            form = json.loads(body)
-            if not isinstance(form, dict):
-                raise TypeError("it must be an object")
-            return HTTPStatus.OK, self.server.actions[name](form)
+            return HTTPStatus.OK, self.server.actions[name](json.loads(body))
         except RsdeblurError as error:
             return HTTPStatus.UNPROCESSABLE_ENTITY, {"error": str(error)}
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-            raise _Refusal(HTTPStatus.BAD_REQUEST, f"the body is not the JSON of a form: {error}") from error
         except Exception as error:
             # Whatever it is, the page shows it.
             text = f"the app failed ({type(error).__name__}: {error}); try again, or use rsdeblur deblur"
@@ -219,61 +207,36 @@ class _Handler(BaseHTTPRequestHandler):
 class Uploads:
     """Files that the browser sent, each in a folder of its own, so that equal names are different files.
 
-    The folder is removed at the end. What a killed app left behind, the next one removes: a lock marks the folders in
-    use, which cleaners of temporary files respect too.
+    Only this user can read them, and they are removed at the end.
     """
 
     def __init__(self) -> None:
-        for folder in Path(gettempdir()).glob(f"{PREFIX}*"):
-            # Those of other users cannot be opened.
-            with suppress(OSError), _locked(folder):
-                shutil.rmtree(folder, ignore_errors=True)
-        self._making = threading.Lock()
-        self._make()
-
-    def _make(self) -> None:
-        self._folder, self._lock = Path(mkdtemp(prefix=PREFIX)), ExitStack()
-        # Another app that starts may remove the folder before it is locked; `fill` makes another one.
-        with suppress(OSError):
-            self._lock.enter_context(_locked(self._folder))
+        self._temporary = TemporaryDirectory(prefix=PREFIX, ignore_cleanup_errors=True)
+        self._folder = Path(self._temporary.name)
 
     def close(self) -> None:
         """Remove the files."""
-        shutil.rmtree(self._folder, ignore_errors=True)
-        self._lock.close()
+        self._temporary.cleanup()
+
+    def new_folder(self) -> Path:
+        """Make a folder, which is removed at the end."""
+        return Path(mkdtemp(dir=self._folder))
 
     def keep(self, name: str, content: bytes) -> Path:
         """Write a file, and return its path, which has the last part of `name`."""
         # Without anything that a system treats specially.
         clean = "".join(c for c in name.replace("\\", "/").rpartition("/")[2] if c.isprintable() and c not in '<>:"|?*')
-        if not clean.strip(". ") or len(clean.encode()) > 200:
+        if not clean.strip(". "):
             raise InputError("the file has no usable name; rename it")
-
-        def write(folder: Path) -> Path:
-            (folder / clean).write_bytes(content)
-            return folder / clean
-
-        return self.fill(clean, write)
-
-    def fill(self, what: str, write: Callable[[Path], T]) -> T:
-        """Return what `write` returns for a new folder, which is removed if it fails; `what` names its content."""
-        with ExitStack() as undo:
-            try:
-                with self._making:
-                    if not self._folder.is_dir():  # somebody has cleaned up
-                        self.close()
-                        self._make()
-                folder = Path(mkdtemp(dir=self._folder))
-                undo.callback(shutil.rmtree, folder, ignore_errors=True)
-                result = write(folder)
-            except OSError as error:
-                raise OutputError(
-                    f"{what}: cannot write to the temporary folder {gettempdir()}: "
-                    f"{error.strerror or plain(str(error))}; free space there, or set TMPDIR to another folder, and "
-                    "start the app again"
-                ) from error
-            undo.pop_all()
-        return result
+        try:
+            path = self.new_folder() / clean
+            path.write_bytes(content)
+        except OSError as error:
+            raise OutputError(
+                f"{clean}: cannot write to the temporary folder {gettempdir()}: {error.strerror}; free space there, or "
+                "set TMPDIR to another folder, and start the app again"
+            ) from error
+        return path
 
     def has(self, path: Path) -> bool:
         """Return whether a path leads to one of the files."""
@@ -281,34 +244,13 @@ class Uploads:
 
     def browse(self, address: str) -> None:
         """Open `address`, which has the token, through a private file: every user sees a browser's arguments."""
-        path = self._folder / "open.html"
-        url = escape(address)
+        path, url = self._folder / "open.html", escape(address)
         page = f'<meta http-equiv="refresh" content="0; url={url}"><a href="{url}">rsdeblur app</a>\n'
-        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-            file.write(f'<!doctype html><meta charset="utf-8"><title>rsdeblur app</title>{page}')
+        path.write_text(f'<!doctype html><meta charset="utf-8"><title>rsdeblur app</title>{page}')
         # Some browsers return only when they are closed.
-        threading.Thread(target=_browse, args=(path.as_uri(),), daemon=True).start()
+        threading.Thread(target=webbrowser.open, args=(path.as_uri(),), daemon=True).start()
 
 
 def plain(text: str) -> str:
     """Return a text in which files that the browser sent have the names that the user knows."""
     return re.sub(rf"{re.escape(str(Path(gettempdir()) / PREFIX))}[^/\\]+[/\\][^/\\]+[/\\]", "", text)
-
-
-def _browse(address: str) -> None:
-    with suppress(webbrowser.Error, OSError):
-        webbrowser.open(address)
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Lock a folder during the block; OSError if it is in use."""
-    # Windows does not open folders, and has no such locks.
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        import fcntl
-
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-    finally:
-        os.close(descriptor)

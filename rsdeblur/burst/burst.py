@@ -17,7 +17,7 @@ from rsdeblur.burst.solution import BurstSolution
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.motion_evidence import MotionEvidence
-from rsdeblur.estimate.refine import REFINED_FRAMES, Refinement, refine
+from rsdeblur.estimate.refine import REFINED_FRAMES, Refinement
 from rsdeblur.image.encoded import EncodedImage, ReadoutFrame, check_size, result_like
 from rsdeblur.image.mending import UndershootMeter
 from rsdeblur.motion.alignment import burst_captures
@@ -26,8 +26,8 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.plan import DeblurResult
-from rsdeblur.pipeline.steps import StageClock, blendable, judged, solve_chunks, split_highlights
+from rsdeblur.pipeline.plan import DeblurResult, refined_together
+from rsdeblur.pipeline.steps import StageClock, judged, solve_chunks, split_highlights
 from rsdeblur.pipeline.tiles import with_mode
 from rsdeblur.types import Float32Array, Progress
 
@@ -207,9 +207,8 @@ def deblur_burst(
     first, meter = burst.reference, UndershootMeter(burst.reference.encoded.shape[0])
     pairs = [(frame.encoded, frame.alignment.capture) for frame in solution.frames]
     evidence = partial(MotionEvidence.of_burst, pairs, threads=chosen.threads)
-    with blendable(upright, first.encoded, chosen) as target:
-        coverage = solve_chunks(first.split, target, solution, clock, meter=meter, capture=first.alignment.capture)
-        check = judged(first.encoded, target, evidence, meter, chosen, clock)
+    coverage = solve_chunks(first.split, upright, solution, clock, meter=meter, capture=first.alignment.capture)
+    check = judged(first.encoded, upright, evidence, meter, chosen, clock)
     bank, strengths = solution.bank, solution.strengths
     shares = dict(zip(burst.used, solution.shares, strict=True))
     return BurstResult(
@@ -245,15 +244,8 @@ def _refinement(
     """Return the correction of the recording by the most blurred frames, which determine it best."""
     lengths = [ReadoutFrame(camera).capture(log, each, options.translation).mean_length for each in exposures]
     chosen = sorted(np.argsort(lengths, kind="stable")[-REFINED_FRAMES:].tolist())
-    first, *_ = refine(
-        [images[n] for n in chosen],
-        *(log, camera, [exposures[n] for n in chosen]),
-        translation=options.translation,
-        transfer=options.transfer,
-        threads=options.threads,
-        progress=progress,
-    )
-    return first
+    pictures, times = [images[n] for n in chosen], [exposures[n] for n in chosen]
+    return refined_together(pictures, log, camera, times, options, progress)
 
 
 def check_burst(

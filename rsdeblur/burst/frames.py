@@ -175,7 +175,6 @@ class BurstFrame:
         """The picture with its highlights."""
         return self.split.encoded
 
-    @property
     @once
     def offsets(self) -> Float32Array:
         """Place in the frame minus place in the reference, (x, y) in px, at nodes `NODE_STEP` px apart (m, n, 2)."""
@@ -188,13 +187,11 @@ class BurstFrame:
         values: Float32Array = (self.alignment.places(moved) - points).astype(np.float32)
         return values
 
-    @property
     @once
     def factor(self) -> int:
         """Whole factor by which pictures are reduced for the comparison, to about 640 px."""
         return max(1, round(max(self.encoded.shape[:2]) / 640))
 
-    @property
     @once
     def grey(self) -> Float32Array:
         """The frame reduced, channels averaged, shape (h, w)."""
@@ -212,7 +209,6 @@ class BurstFrame:
             rows.sum(axis=1, out=out[top:stop])
         return out
 
-    @property
     @once
     def grey_noise(self) -> float:
         """Standard deviation of the noise of :attr:`grey`."""

@@ -16,9 +16,9 @@ from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.chroma import Solve
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.deconv.wiener import TileBlur
-from rsdeblur.pipeline.memory import least_memory, part_of
+from rsdeblur.pipeline.memory import least_memory
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.solver import Chunk, PictureSolver, Strengths
+from rsdeblur.pipeline.solver import Chunk, PictureSolver
 from rsdeblur.pipeline.steps import tuned_strengths
 from rsdeblur.pipeline.tiles import tile_errors, tile_paths
 from rsdeblur.psf import PsfBank, tile_centres
@@ -32,14 +32,17 @@ MEMORY, ABOVE_LEAST = 1 << 30, {"global": 1.1, "banded": 1.1, "rowwise": 1.25}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BurstSolution:
-    """Everything that a burst is solved with; the reference comes first. The PSFs of all frames have one size."""
+class BurstSolution(PictureSolver):
+    """Solver of the frames of a burst together; the reference comes first.
 
-    frames: tuple[BurstFrame, ...]
-    banks: tuple[PsfBank, ...]
-    shares: tuple[float, ...]
-    together: PictureSolver
-    alone: PictureSolver
+    The PSFs of all frames have one size, so chunks reach as far as those of any frame; `bank` is that of the reference.
+    """
+
+    frames: tuple[BurstFrame, ...] = ()
+    banks: tuple[PsfBank, ...] = ()
+    shares: tuple[float, ...] = ()
+    # The solver of the reference, where other frames do not show the scene.
+    single: PictureSolver | None = None
 
     @classmethod
     def of(cls, burst: AlignedBurst, options: Options) -> BurstSolution:
@@ -60,15 +63,18 @@ class BurstSolution:
         simple = replace(options, prior="wiener", nsr="auto", weight="auto", exponent=EXPONENT) if alike else options
         alone = tuned_strengths(tunings[0], simple, peak)
         tiles = mode, options.bands, options.strips, strengths.tile_nsr
-        own = share_map(lambda capture: tile_paths(capture, *tiles), captures, options.threads)
-        bands, strips = (max(len(getattr(paths, axis)) for paths in own) for axis in ("rows", "cols"))
+        traced = share_map(lambda capture: tile_paths(capture, *tiles), captures, options.threads)
+        bands, strips = (max(len(getattr(paths, axis)) for paths in traced) for axis in ("rows", "cols"))
         places = tile_centres(bands, height), tile_centres(strips, width)
         banks = _banks(frames, *places, threads=options.threads)
-        together, single = (
-            PictureSolver(replace(each, chroma="full"), strength, banks[0], captures[0])
-            for each, strength in ((options, strengths), (simple, alone))
+        own = PictureSolver(replace(simple, chroma="full"), alone, banks[0], captures[0])
+        solution = cls(
+            *(replace(options, chroma="full"), strengths, banks[0], captures[0]),
+            frames=frames,
+            banks=tuple(banks),
+            shares=shares,
+            single=own,
         )
-        solution = cls(frames, tuple(banks), shares, together, single)
         if options.geometry == "rectify" or options.normalize:
             return solution
         memory = options.max_memory
@@ -76,23 +82,7 @@ class BurstSolution:
             # The default grows to a multiple of the least rather than refuse the burst or cut it into thin chunks.
             memory = max(MEMORY, int(ABOVE_LEAST[mode] * least_memory(solution, burst.reference.encoded.shape)))
         # The highlights are separated already.
-        bounded = replace(together.options, max_memory=memory, saturation="ignore")
-        return replace(solution, together=replace(together, options=bounded))
-
-    @property
-    def options(self) -> Options:
-        """All options."""
-        return self.together.options
-
-    @property
-    def strengths(self) -> Strengths:
-        """The strengths of all frames together."""
-        return self.together.strengths
-
-    @property
-    def bank(self) -> PsfBank:
-        """PSFs of the reference, as large as those of any frame: so far chunks must reach."""
-        return self.banks[0]
+        return replace(solution, options=replace(solution.options, max_memory=memory, saturation="ignore"))
 
     @property
     def count(self) -> int:
@@ -100,28 +90,29 @@ class BurstSolution:
         return len(self.frames)
 
     def plan(self, chunk: Chunk, shape: tuple[int, int, int]) -> Solve:
-        """Plan the solver of a chunk, see :class:`rsdeblur.pipeline.solver.ChunkSolver`."""
+        """Plan the solver of a chunk, see :class:`rsdeblur.pipeline.solver.PictureSolver`."""
         del shape  # that of the light
         return partial(self._solve, chunk)
 
     def _solve(self, chunk: Chunk, light: FloatImage, progress: StageProgress) -> FloatImage:
         """Return the sharp light of a chunk of rows; `light` is that of the reference, which is solved alone first."""
-        alone = self.alone.plan(chunk, light.shape)
+        assert self.single is not None, "a burst has a reference"
+        alone = self.single.plan(chunk, light.shape)
         single = alone(light, lambda share: progress(share / 3))
         if len(self.frames) == 1:
             return single
         # Free its memory before the next solver is planned.
         del alone
-        banks = [chunk.bank, *(part_of(bank, chunk.source) for bank in self.banks[1:])]
+        banks = [bank.cut(chunk.source, slice(0, light.shape[1])) for bank in self.banks]
         return self._planned(chunk, banks, light.shape).apply(
             self._lights(chunk, banks, light, single),
-            prior=self.together.latent_prior,
+            prior=self.latent_prior,
             progress=lambda share: progress((1 + 2 * share) / 3),
         )
 
     def _planned(self, chunk: Chunk, banks: Sequence[PsfBank], shape: tuple[int, ...]) -> BurstQuadratic | RowBurst:
         """Plan the solver of all frames together."""
-        engine = self.together.engine
+        engine = self.engine
         if self.options.mode_in_effect != "rowwise":
             return BurstQuadratic(banks, self.shares, shape, wiener=self.strengths.weight is None, **engine)
         every_row = share_map(

@@ -11,7 +11,6 @@ import errno
 import os
 import re
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -54,24 +53,15 @@ class Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import and return one command."""
-        if cmd_name not in COMMANDS:
-            return None
-        command: click.Command = import_module(f"rsdeblur.cli.{cmd_name}").command
-        return command
+        return _command(cmd_name) if cmd_name in COMMANDS else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands in groups."""
         width = max(map(len, COMMANDS))
         for title, names in GROUPS.items():
-            commands = {name.ljust(width): self.get_command(ctx, name) for name in names}
+            helps = (_command(name).get_short_help_str(formatter.width - width - 6) for name in names)
             with formatter.section(title):
-                formatter.write_dl(
-                    [
-                        (name, each.get_short_help_str(formatter.width - width - 6))
-                        for name, each in commands.items()
-                        if each
-                    ]
-                )
+                formatter.write_dl([(name.ljust(width), text) for name, text in zip(names, helps, strict=True)])
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; exit with 1 for refused input and 128 plus the signal's number when interrupted."""
@@ -103,6 +93,11 @@ class Commands(click.Group):
                 ctx.exit(128 + number)  # as shells report it
 
 
+def _command(name: str) -> click.Command:
+    command: click.Command = import_module(f"rsdeblur.cli.{name}").command
+    return command
+
+
 def _signal_of(error: BaseException | None) -> int | None:
     """Return the signal that caused an error; while a compiled module loads, an interrupt becomes an ImportError."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
@@ -115,9 +110,6 @@ def _signal_of(error: BaseException | None) -> int | None:
 @contextmanager
 def ending_signals() -> Iterator[None]:
     """Let Ctrl-C, `kill` and a terminal that closes raise KeyboardInterrupt, unless the caller handles them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     # Windows has no SIGHUP.
     numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     usual = (signal.SIG_DFL, signal.default_int_handler)

@@ -20,9 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
-from rsdeblur._util.files import FileState, file_state, read_file
+from rsdeblur._util.files import FileState, file_state
 from rsdeblur.app.crop import Basis, Crop, derive_basis, solve_crop
 from rsdeblur.app.server import Uploads, plain
 from rsdeblur.choices import CAMERA
@@ -34,15 +33,13 @@ from rsdeblur.cli._photo import PhotoJob, Prepared, deblur_photo, prepare
 from rsdeblur.cli._types import PATH
 from rsdeblur.cli.deblur import default_output
 from rsdeblur.cli.demo import CAPTURE_LOG, KINDS, write_files
-from rsdeblur.errors import CoverageError, InputError, OutputError, RsdeblurError
+from rsdeblur.errors import InputError, OutputError, RsdeblurError
 from rsdeblur.image.encoded import check_size, display_values
 from rsdeblur.io.pictures import read_picture
-from rsdeblur.motion.axes import PRESETS, imu_to_camera
-from rsdeblur.motion.camera import Camera
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.report.drawings import bank_data, picture_uris
-from rsdeblur.report.facts import readout_data
+from rsdeblur.report.facts import axes_of, readout_data
 
 # Bytes of a camera file that is kept for the next start; videos contain cameras too.
 LARGEST_CAMERA = 1 << 20
@@ -115,7 +112,7 @@ class Desk:
         self._cameras = settings / "last-camera"
         self.uploads = Uploads()
         # One computation at a time; it also guards the filters of warnings, which are the process's.
-        self._busy, self._saving = threading.Lock(), threading.Lock()
+        self._busy = threading.Lock()
         self._basis = lru_cache(maxsize=8)(self._derived)
         self._example: dict[str, str] = {}
         self._job = Job()
@@ -151,7 +148,7 @@ class Desk:
     def _made(self, form: Form) -> dict[str, Any]:
         """Write an example, and return its form."""
         with self._busy:
-            self._example = filled(self.uploads.fill("the example", _example))
+            self._example = filled(_example(self.uploads.new_folder()))
         return {"form": self._example}
 
     def _open(self, form: Form) -> dict[str, Any]:
@@ -178,7 +175,7 @@ class Desk:
             "readout_time": camera.readout_time,
             "readout_is_guess": camera.readout_sd > 0.0,
             "focal_length": camera.focal_length[0],
-            "axes": _axes_of(camera),
+            "axes": axes_of(camera),
             # s after the first sample of the log.
             "start": 1e-9 * (exposure.epoch_ns - log.epoch_ns) + exposure.start - camera.time_offset - log.span[0],
             "duration": exposure.duration,
@@ -192,21 +189,17 @@ class Desk:
         path = Path(name)
         if not name or path.parent == self._cameras or name == self._example.get("camera"):
             return
-        with suppress(OSError, RsdeblurError):
-            content = read_file(path, "camera file", size=LARGEST_CAMERA + 1)
-            if len(content) <= LARGEST_CAMERA:
+        with suppress(OSError):
+            if path.stat().st_size <= LARGEST_CAMERA:
                 shutil.rmtree(self._cameras, ignore_errors=True)
                 self._cameras.mkdir(parents=True)
-                (self._cameras / path.name).write_bytes(content)
+                shutil.copy(path, self._cameras)
 
     def _free_name(self, photo: Path) -> Path:
         """Return a path for the result that no file has: beside the photo, or in the working folder."""
         result = default_output((photo,))
         if self.uploads.has(photo):
-            folder = Path(os.path.expanduser("~"))
-            with suppress(FileNotFoundError):  # it was deleted
-                folder = Path.cwd()
-            result = folder / result.name
+            result = Path.cwd() / result.name
         names = chain([result.stem], (f"{result.stem}-{number}" for number in count(2)))
         return next(path for name in names if not (path := result.with_name(name + result.suffix)).exists())
 
@@ -229,7 +222,7 @@ class Desk:
                 result = solve_crop(picture.pixels, log, camera, exposure, options, basis, crop, scale=scale)
         answer = _shown(result, ready, crop, draft=scale < 1.0)
         name, value = basis.strength
-        line = shell_line([*map(self._known, [*words, *as_here, "-o", path_of(form, "output")])])
+        line = shlex.join(map(self._known, [*words, *as_here, "-o", path_of(form, "output")]))
         return answer | {
             "strength": {"name": name, "value": value, "power": power_of(form)},
             "check": None if result.check is None else asdict(result.check),
@@ -250,11 +243,7 @@ class Desk:
         """Return the arguments that a form means, and the strengths that they choose."""
         states = [file_state(Path(path_of(form, name))) for name in ("photo", *FILES)]
         words = arguments(form, {name: form.get("moved", {}).get(name) or form.get(name) for name in MOVED})
-        try:
-            basis = self._basis(tuple(arguments(form)), *states)
-        except CoverageError:
-            # The slider may be what brings the exposure into the log.
-            basis = self._basis(tuple(words), *states)
+        basis = self._basis(tuple(arguments(form)), *states)
         if power_of(form):
             name, value = basis.strength
             strength = f"{value * 10 ** power_of(form):.3g}"
@@ -273,21 +262,16 @@ class Desk:
         """Deblur and write the whole picture, as `rsdeblur deblur` does; the page asks for the progress meanwhile."""
         if not text_of(form, "output"):
             raise InputError("choose the name of the result")
-        if not self._saving.acquire(blocking=False):
-            raise InputError("a picture is being saved")
-        try:
-            with self._busy, capture_warnings(show=False), usage_as_input_error():
-                output = Path(path_of(form, "output"))
-                if output.exists():
-                    # The page has no --force.
-                    raise OutputError(f"{output}: the file exists; choose another name")
-                words, _ = self._tuned(form)
-                self._job = Job()
-                photo, recording, options = _parse.main(words, "rsdeblur deblur", standalone_mode=False)
-                job = PhotoJob(photo=photo, recording=recording, options=options, output=output)
-                return deblur_photo(job, self._job.move)
-        finally:
-            self._saving.release()
+        with self._busy, capture_warnings(show=False), usage_as_input_error():
+            output = Path(path_of(form, "output"))
+            if output.exists():
+                # The page has no --force.
+                raise OutputError(f"{output}: the file exists; choose another name")
+            words, _ = self._tuned(form)
+            self._job = Job()
+            photo, recording, options = _parse.main(words, "rsdeblur deblur", standalone_mode=False)
+            job = PhotoJob(photo=photo, recording=recording, options=options, output=output)
+            return deblur_photo(job, self._job.move)
 
     def _cancel(self, form: Form) -> dict[str, Any]:
         self._job.cancelled = True
@@ -302,18 +286,9 @@ def _plainly(action: Action) -> Action:
             answer = action(form)
         except RsdeblurError as error:
             raise type(error)(plain(str(error))) from error
-        except OSError as error:
-            raise OutputError(plain(f"{error.filename or 'a file'}: {error.strerror or error}")) from error
         return {**answer, "notes": [plain(note) for note in answer["notes"]]} if "notes" in answer else answer
 
     return call
-
-
-def _axes_of(camera: Camera) -> str:
-    """Return the name of the axes of the log in this camera, empty if they have none."""
-    # Phones come before Gyroflow's axes, which equal those of a phone held sideways.
-    known = {"camera": np.eye(3)} | {name: imu_to_camera(name) for name in reversed(PRESETS)}
-    return next((name for name, matrix in known.items() if np.allclose(matrix, camera.imu_to_camera)), "")
 
 
 def _shown(result: DeblurResult, ready: Prepared, crop: Crop, *, draft: bool) -> dict[str, Any]:
@@ -367,25 +342,9 @@ def text_of(form: Form, name: str) -> str:
 def path_of(form: Form, name: str) -> str:
     """Return an absolute path, with which the command works in every folder; empty if it is missing."""
     text = text_of(form, name)
-    try:
-        return str(Path(text).expanduser().absolute()) if text else ""
-    except (RuntimeError, FileNotFoundError) as error:  # no such home folder, or the working folder was deleted
-        raise InputError(f"{text}: give the whole path") from error
+    return os.path.abspath(os.path.expanduser(text)) if text else ""
 
 
 def power_of(form: Form) -> float:
     """Return by how many powers of ten the strength differs from the automatic one."""
     return max(-3.0, min(float(form.get("power", 0.0)), 3.0))
-
-
-def shell_line(words: Sequence[str]) -> str:
-    """Return words as a line that a terminal takes for nothing else: control characters are escaped."""
-    return " ".join(map(_quoted, words))
-
-
-def _quoted(word: str) -> str:
-    if word.isprintable():
-        return shlex.quote(word)
-    # Three octal digits end by themselves, before any character.
-    parts = (c if c.isprintable() and c not in "\\'" else "".join(f"\\{b:03o}" for b in os.fsencode(c)) for c in word)
-    return f"$'{''.join(parts)}'"

@@ -52,8 +52,6 @@ from rsdeblur.io.pictures import read_header as read_header
 from rsdeblur.io.pictures import read_picture as read_picture
 from rsdeblur.io.pictures import read_psfs as read_psfs
 from rsdeblur.io.samples import GyroFile as GyroFile
-from rsdeblur.io.sessions import UNNUMBERED as UNNUMBERED
-from rsdeblur.io.sessions import SessionPhoto as SessionPhoto
 from rsdeblur.io.sessions import camera_in as camera_in
 from rsdeblur.io.sessions import capture_file_in as capture_file_in
 from rsdeblur.io.sessions import files_in as files_in

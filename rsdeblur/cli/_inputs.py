@@ -196,9 +196,7 @@ def accelerometer(path: Path, columns: str | None) -> rs.AccelerationLog | None:
     return _acceleration(path, file_state(path), columns)
 
 
-@lru_cache(maxsize=1)
-def _acceleration(path: Path, _: FileState, columns: str | None) -> rs.AccelerationLog | None:
-    return rs.accelerometer(path, columns)
+_acceleration = lru_cache(maxsize=1)(lambda path, state, columns: rs.accelerometer(path, columns))
 
 
 def _gravity_of(

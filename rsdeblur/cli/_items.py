@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,7 @@ def read_items(sources: Sequence[Path], defaults: Recording, output: Path, *, un
     if defaults.capture is not None:
         rs.open_captures(defaults.capture, rs.choice_for("capture file", defaults.columns))
     if len(sources) > 1:
-        items = list(_named(sources, defaults))
+        items = list(_photos(sources, None, defaults))
     elif sources[0].is_dir():
         items = list(_session(sources[0], defaults, output))
     elif sources[0].suffix.lower() == ".zip":
@@ -88,62 +88,37 @@ def _places(paths: Iterable[Path]) -> set[tuple[int, ...]]:
 def _session(folder: Path, defaults: Recording, output: Path) -> Iterator[Item]:
     """Return items of the photos in a folder of a logger and its subfolders."""
     files = rs.files_in(folder, without=output)
-    gyro, photos = defaults.gyro or rs.gyro_log_in(folder, files), rs.photos_in(folder, files)
-    known = {"gyro": gyro, "camera": defaults.camera or rs.camera_in(files)}
-    capture = defaults.capture
+    gyro, capture = defaults.gyro or rs.gyro_log_in(folder, files), defaults.capture
+    photos = rs.photos_in(folder, files)
     if defaults.start != "exif" and capture is None:
         capture = rs.capture_file_in([path for path in files if path != gyro])
-    if defaults.start == "exif" or capture is None:
+    camera: Any = defaults.camera or rs.camera_in(files)
+    return _photos(photos, folder, replace(defaults, gyro=gyro, camera=camera, capture=capture))
+
+
+def _photos(photos: Sequence[Path], folder: Path | None, defaults: Recording) -> Iterator[Item]:
+    """Return items of photos that share a log; their results have their places in `folder`, or their names."""
+
+    def place(photo: Path) -> Path:
+        return result_name(Path(photo.name) if folder is None else photo.relative_to(folder))
+
+    if defaults.capture is None or defaults.start == "exif":
         # The photos of a camera app, beside a log: their EXIF blocks give what is missing.
         for path in photos:
-            yield _item(path, result_name(path.relative_to(folder)), {**known, "start": "exif"}, defaults)
-        return
-    columns = rs.choice_for("capture file", defaults.columns)
-    matched = rs.indices_of(photos, capture, numbered_from=defaults.numbered_from, columns=columns)
-    if all(photo.error == rs.UNNUMBERED for photo in matched):
-        raise FileFormatError(
-            f"{folder}: the names of the {len(photos)} photos contain neither timestamps nor frame numbers, so their "
-            "exposures are unknown; list them in a manifest with the columns photo,index, or give --start exif"
-        )
-    for photo in matched:
-        yield _numbered(photo, photo.path.relative_to(folder), {**known, "capture": capture}, defaults)
-
-
-def _named(photos: Sequence[Path], defaults: Recording) -> Iterator[Item]:
-    """Return items of photos that share a log; their results have their names."""
-    if defaults.capture is None and defaults.start not in (None, "exif"):
-        raise click.UsageError(
-            f"{len(photos)} photos, but one exposure; leave out --start for times from EXIF, or give --capture with "
-            "photos named after their timestamps or frame numbers"
-        )
-    if defaults.capture is None or defaults.start == "exif":
-        for path in photos:
-            yield _item(path, Path(result_name(path).name), {"start": "exif"}, defaults)
+            yield _item(path, place(path), {"start": "exif"}, defaults)
         return
     columns = rs.choice_for("capture file", defaults.columns)
     for photo in rs.indices_of(list(photos), defaults.capture, numbered_from=defaults.numbered_from, columns=columns):
-        yield _numbered(photo, Path(photo.path.name), {}, defaults)
-
-
-def _numbered(photo: rs.SessionPhoto, place: Path, known: Mapping[str, Any], defaults: Recording) -> Item:
-    """Return the item of a photo whose name gives its exposure."""
-    if photo.error is not None:
-        return Item(photo.path, result_name(place), None, f"{photo.path}: {photo.error}")
-    return _item(photo.path, result_name(place), {**known, "index": photo.index}, defaults)
+        if photo.error is None:
+            yield _item(photo.path, place(photo.path), {"index": photo.index}, defaults)
+        else:
+            yield Item(photo.path, place(photo.path), None, f"{photo.path}: {photo.error}")
 
 
 def _manifest(path: Path, defaults: Recording) -> Iterator[Item]:
+    content = read_file(path, "manifest")
     try:
-        text = read_file(path, "manifest").decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        unreadable = FileFormatError(f"{path}: cannot read the manifest: it is not UTF-8 text")
-        raise rs.mistaken(rs.Source(path, "manifest")) or unreadable from error
-    rows = iter(_rows(text))
-    _, head = next(rows, (0, []))
-    if not head:
-        raise FileFormatError(f"{path}: the manifest is empty; its first line must name the columns, like photo,index")
-    try:
-        head = _head(path, head)
+        (_, head), *rows = _rows(path, content)
     except FileFormatError as error:
         raise rs.mistaken(rs.Source(path, "manifest")) or error from None
     for line, row in rows:
@@ -151,34 +126,31 @@ def _manifest(path: Path, defaults: Recording) -> Iterator[Item]:
             yield _row(path, line, head, row, defaults)
 
 
-def _rows(text: str) -> list[tuple[int, list[str]]]:
-    """Return the number of the last line and the cells of each row."""
+def _rows(path: Path, content: bytes) -> list[tuple[int, list[str]]]:
+    """Return the number of the last line and the cells of each row; the first row has the names of the columns."""
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{path}: cannot read the manifest: it is not UTF-8 text") from error
     # Spreadsheets of some countries write semicolons.
     delimiter = max(",;\t", key=text.partition("\n")[0].count)
     # A long cell must not end the whole table.
     csv.field_size_limit(max(csv.field_size_limit(), len(text) + 1))
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True)
-    return [(reader.line_num, row) for row in reader]
-
-
-def _head(path: Path, cells: list[str]) -> list[str]:
-    """Return the names of the columns."""
-    head = [cell.strip().lower() for cell in cells]
+    head = [cell.strip().lower() for cell in next(reader, [])]
     problems = [f"unknown column {name!r}" for name in head if name not in COLUMNS]
     problems += [f"the column {name} occurs {count} times" for name, count in Counter(head).items() if count > 1]
     if "photo" not in head:
         problems.append("no column photo")
     if problems:
         raise FileFormatError(f"{path}, line 1: {problems[0]}; columns are {', '.join(COLUMNS)}")
-    return head
+    return [(1, head), *((reader.line_num, row) for row in reader)]
 
 
 def _row(path: Path, line: int, head: list[str], row: list[str], defaults: Recording) -> Item:
     photo = Path(f"line {line}")
     cells: dict[str, Any] = {}
     try:
-        if any(not {"\0", "\r", "\n"}.isdisjoint(cell) for cell in row):
-            raise ValueError("a cell contains a line break or NUL; is a quote not closed?")
         if len(row) != len(head):
             raise ValueError(f"{len(row)} cells, but the first line names {len(head)} columns")
         if not (photo_name := row[head.index("photo")].strip()):

@@ -333,10 +333,10 @@ class Target:
     dry_run: bool = False
     report: Path | None = None
 
-    def show(self, kind: str, facts: Any, *lines: object) -> None:
-        """Print facts as JSON of a kind if that was asked for, otherwise lines."""
+    def show(self, facts: Any, *lines: object) -> None:
+        """Print facts as JSON if that was asked for, otherwise lines."""
         if self.as_json:
-            print_json(kind, facts)
+            print_json(facts)
         else:
             say(*lines)
 

@@ -166,11 +166,7 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool, dry_run: 
         raise OutputError(f"{folder}: the results are several files, so the output is a folder; give the name of one")
     if dry_run and not folder.exists():
         return
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        what = "it is a file" if folder.is_file() else error.strerror or error
-        raise OutputError(f"{folder}: cannot make the folder: {what}") from error
+    folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         check_output(folder / name, force=force)
 
@@ -190,71 +186,32 @@ def check_camera_file(path: Path, *, force: bool) -> None:
 
 @cache
 def records() -> dict[str, dict[str, Any]]:
-    """Return the keys of each kind of record with their meanings; one that may be missing ends in a question mark."""
-    table: dict[str, dict[str, Any]] = tomllib.loads(files(__package__).joinpath("schema.toml").read_text("utf-8"))
-    for keys in table.values():
-        own = {name.rstrip("?") for name in keys}
-        for like, mark in (("like", ""), ("like?", "?")):
-            for name, key in table.get(keys.pop(like, ""), {}).items():
-                plain = name.rstrip("?")
-                if plain not in own:
-                    keys[plain + (mark or name[len(plain) :])] = key
-    return table
+    """Return the stable keys of each kind of record with their meanings."""
+    return tomllib.loads(files(__package__).joinpath("schema.toml").read_text("utf-8"))
 
 
-def arranged(kind: str, facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return facts under the keys of the contract, and all others under "details"."""
-    keys = {name.rstrip("?"): key for name, key in records()[kind].items()}
-    stable, details = {}, dict(facts.get("details", {}))
-    for name, value in facts.items():
-        if name in keys:
-            stable[name] = _within(keys[name], value)
-        elif name != "details":
-            details[name] = value
-    return stable | ({"details": details} if details else {})
+def _json(facts: Mapping[str, Any]) -> str:
+    return json.dumps({"schema": SCHEMA} | dict(facts), indent=2)
 
 
-def _within(key: str | Mapping[str, str], value: Any) -> Any:
-    if isinstance(key, str) or value is None:
-        return value
-    ((form, kind),) = key.items()
-    if form == "list":
-        return [arranged(kind, each) for each in value]
-    if form == "map":
-        return {name: arranged(kind, each) for name, each in value.items()}
-    return arranged(kind, value)
+def print_json(facts: Mapping[str, Any]) -> None:
+    """Print facts as JSON."""
+    click.echo(_json(facts))
 
 
-def print_json(kind: str, facts: Mapping[str, Any]) -> None:
-    """Print facts as JSON of a kind."""
-    click.echo(_json(kind, facts))
-
-
-def _json(kind: str, facts: Mapping[str, Any]) -> str:
-    return json.dumps({"schema": SCHEMA} | arranged(kind, facts), indent=2)
-
-
-def write_json(path: Path, kind: str, facts: Mapping[str, Any]) -> None:
-    """Write facts as JSON of a kind, atomically."""
+def write_json(path: Path, facts: Mapping[str, Any]) -> None:
+    """Write facts as JSON, atomically."""
     with atomic_write(path) as file:
-        file.write(f"{_json(kind, facts)}\n".encode())
+        file.write(f"{_json(facts)}\n".encode())
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table; the first column is aligned left, the others right. A quiet command prints none."""
-    if level() < 0:
-        return
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, pad_edge=False)
-    for i, column in enumerate(columns):
-        table.add_column(column, justify="right" if i else "left", no_wrap=True)
-    for row in rows:
-        table.add_row(*(Text(printable(cell)) for cell in row))
-    # A pipe has no width, and 80 columns, the default, would cut the table.
-    Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(table)
+    lines = [[printable(cell) for cell in row] for row in (columns, *rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for first, *rest in lines:
+        cells = (cell.rjust(width) for cell, width in zip(rest, widths[1:], strict=True))
+        say("  ".join([first.ljust(widths[0]), *cells]).rstrip())
 
 
 def compiling() -> AbstractContextManager[Callable[[], float]]:

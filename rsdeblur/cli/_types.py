@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,10 +22,7 @@ class PathType(click.Path):
         """Return the path."""
         if not str(value):
             self.fail("the name is empty", param, ctx)
-        try:
-            return super().convert(value, param, ctx)
-        except ValueError:
-            self.fail(f"no file can have the name {value!r}", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 class NumberType(click.FloatRange):
@@ -62,22 +60,19 @@ class TextType(click.ParamType[Any]):
 
 def seconds(text: str) -> float:
     """Return the time of `0.05`, `1/20` or `50ms`, s."""
-    number = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
-    match = re.fullmatch(rf"{number}(?:/{number})?\s*(s|ms|us)?", text)
-    try:
-        upper, lower, unit = match.groups(default="") if match else ("", "", "")
+    match = re.fullmatch(r"([^/]+?)(?:/([^/]+?))?\s*(s|ms|us)?", text)
+    with suppress(ValueError, ZeroDivisionError):
+        upper, lower, unit = match.groups("") if match else ("", "", "")
         value = float(upper) / float(lower or 1.0) / {"": 1.0, "s": 1.0, "ms": 1e3, "us": 1e6}[unit]
-    except (ValueError, ZeroDivisionError):
-        value = math.nan
-    if not math.isfinite(value):
-        raise ValueError(f"{text!r} is not a time; write 0.05, 1/20 or 50ms")
-    return value
+        if math.isfinite(value):
+            return value
+    raise ValueError(f"{text!r} is not a time; write 0.05, 1/20 or 50ms")
 
 
-def numbers(text: str, example: str, kind: type[float] = float, count: int | None = None) -> tuple[Any, ...]:
+def numbers(text: str, example: str, count: int | None = None) -> tuple[float, ...]:
     """Return numbers that are separated by commas."""
     try:
-        values = tuple(map(kind, text.split(",")))
+        values = tuple(map(float, text.split(",")))
     except ValueError:
         values = (math.nan,)
     if not all(map(math.isfinite, values)) or count not in (None, len(values)):

@@ -7,14 +7,14 @@ import json
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, nullcontext, suppress
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from rsdeblur._util.files import file_state, read_file, remove_unfinished
+from rsdeblur._util.files import file_state, read_file
 from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
@@ -101,7 +101,7 @@ def run(
         rs.write_batch_page(target.report, entries, title=title)
     summary = _summary(entries) | {"seconds": time.perf_counter() - begin}
     if target.as_json:
-        print_json("batch", summary)
+        print_json(summary)
     else:
         _print(summary, target)
     errors = [entry["error"] for entry in entries if "error" in entry]
@@ -146,7 +146,7 @@ def _deblurred(
     if tasks:
         _write(target, entries)
     try:
-        with progress("batch") as move, closing(rs.run(work, iter(tasks), jobs=jobs, lost=_tidy)) as answers:
+        with progress("batch") as move, closing(rs.run(work, iter(tasks), jobs=jobs)) as answers:
             for (i, job, _), answer in answers:
                 with _as_row(entries[i]):
                     if isinstance(answer, rs.Failure):
@@ -165,7 +165,7 @@ def _is_done(job: PhotoJob, entry: dict[str, Any], earlier: dict[str, Any]) -> b
     """Return whether the result is that of an earlier run; raise `OutputError` if it has another recipe."""
     recipe, exists = _recipe(job), job.output.exists()
     entry["output"] = str(job.output)
-    recorded = earlier.get("details", {}).get("recipe")
+    recorded = earlier.get("recipe")
     if not (exists and recorded) or job.force:
         if not exists:
             entry["recipe"] = recipe
@@ -192,7 +192,7 @@ def _summary(entries: list[dict[str, Any]]) -> dict[str, Any]:
 def _write(target: Target, entries: list[dict[str, Any]]) -> None:
     """Write the list of results, of those under way too: each is written as a whole, or not at all."""
     if not target.dry_run:
-        write_json(target.output / BATCH, "batch", _summary(entries) | {"items": entries})
+        write_json(target.output / BATCH, _summary(entries) | {"items": entries})
 
 
 @contextmanager
@@ -210,13 +210,6 @@ def work(task: tuple[int, PhotoJob, bool]) -> dict[str, Any]:
     with compiling() if may_say else nullcontext(), capture_warnings(show=False) as messages, usage_as_input_error():
         facts = deblur_photo(job)
     return facts | {"warnings": messages}
-
-
-def _tidy(task: tuple[int, PhotoJob, bool]) -> None:
-    """Remove what a worker that was killed has left."""
-    # Its row has the error of an output that no file can be.
-    with suppress(OSError):
-        remove_unfinished(task[1].output)
 
 
 def _recipe(job: PhotoJob) -> str:

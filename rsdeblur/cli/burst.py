@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, TypeAlias
 
 import click
 
@@ -16,7 +15,7 @@ from rsdeblur.cli._items import result_name
 from rsdeblur.cli._options import CLIP, ONE_OF_MANY, SOLVE, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import progress
 from rsdeblur.cli._photo import stopwatch
-from rsdeblur.cli._types import PATH, TextType, numbers
+from rsdeblur.cli._types import PATH, TextType
 from rsdeblur.errors import InputError
 from rsdeblur.pipeline.options import Options
 
@@ -27,16 +26,19 @@ Examples:
 """
 
 
+# Frames of a burst with their exposures, and their log and camera.
+Shots: TypeAlias = "tuple[list[rs.Picture], list[rs.Exposure], rs.GyroLog, rs.Camera]"
+
+
 def frame_numbers(text: str) -> list[int]:
     """Return the numbers of frames: `2,3,5`, or `2:6` for 2, 3, 4 and 5."""
     most = rs.MOST_FRAMES
     example = f"a list of numbers like 2,3,5, or a span of up to {most} frames, like 10:18"
-    span = re.fullmatch(r"(\d{1,9}):(\d{1,9})", text)
-    if span is None:
-        found = list(numbers(text, example, kind=int))
-    else:
-        first, stop = map(int, span.groups())
-        found = list(range(first, min(stop, first + most + 1)))
+    first, colon, stop = text.partition(":")
+    try:
+        found = list(range(int(first), int(stop))[: most + 1] if colon else map(int, text.split(",")))
+    except ValueError:
+        found = []
     if not 0 < len(found) <= most or min(found) < 0 or len(set(found)) < len(found):
         raise ValueError(f"{text!r} is not right; write {example}, each frame once")
     return found
@@ -91,23 +93,15 @@ def command(
     rs.check_writable(target.output, force=target.force)
     shots = _from_clip(clip, frames, recording) if clip else _from_photos(photos, frames, recording)
     with naming(None, recording):
-        facts = _deblurred(shots, options, target, reference=reference)
-    target.show("burst", facts, *_lines(facts))
+        facts = _deblurred(shots, frames, options, target, reference=reference)
+    target.show(facts, *_lines(facts))
 
 
-class Shots(NamedTuple):
-    """Frames of a burst with their numbers and exposures, and their log and camera."""
-
-    pictures: list[rs.Picture]
-    numbers: list[int]
-    exposures: list[rs.Exposure]
-    log: rs.GyroLog
-    camera: rs.Camera
-
-
-def _deblurred(shots: Shots, options: Options, target: Target, *, reference: int | None) -> dict[str, Any]:
+def _deblurred(
+    shots: Shots, numbers: list[int], options: Options, target: Target, *, reference: int | None
+) -> dict[str, Any]:
     """Deblur and write a burst, and return the facts to report."""
-    pictures, numbers, exposures, log, camera = shots
+    pictures, exposures, log, camera = shots
     options = replace(options, transfer=transfer_of(pictures[0], options.transfer))
     with stopwatch() as elapsed, progress("burst") as move:
         result = rs.deblur_burst(
@@ -141,7 +135,7 @@ def _from_photos(photos: tuple[Path, ...], frames: list[int], recording: Recordi
         inputs.append(read_inputs(photo, each))
         photo_gravity(photo, inputs[-1], each)
     pictures, exposures = [each.picture for each in inputs], [each.exposure for each in inputs]
-    return Shots(pictures, frames, exposures, inputs[0].log, inputs[0].camera)
+    return pictures, exposures, inputs[0].log, inputs[0].camera
 
 
 def _from_clip(clip: Path, frames: list[int], recording: Recording) -> Shots:
@@ -151,7 +145,7 @@ def _from_clip(clip: Path, frames: list[int], recording: Recording) -> Shots:
         raise InputError(f"{clip}: there is no frame {max(frames)}; the last one is {len(opened) - 1}")
     with naming(clip):
         pictures = [rs.Picture(rs.values_of(next(rs.frames(opened, n, n + 1)))) for n in frames]
-    return Shots(pictures, frames, [exposures[n] for n in frames], log, camera)
+    return pictures, [exposures[n] for n in frames], log, camera
 
 
 def _lines(facts: dict[str, Any]) -> list[str]:

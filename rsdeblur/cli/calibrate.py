@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 
@@ -26,8 +26,8 @@ Examples:
   rsdeblur calibrate burst/*.jpg --gyro imu.txt --capture images.txt -o tablet.toml
 """
 
-# Consecutive frames that are taken from each part of a longer clip.
-RUN = 16
+# Frames of a longer clip that are used, and the consecutive ones among them, which are spread over the clip.
+USED, RUN = 128, 16
 # Factors, units and decimals of the table.
 UNITS = {"s": (1e3, "ms", 3), "px": (1, "px", 1), "rad/s": (1, "rad/s", 4), "s/s": (1e6, "us/s", 1)}
 UNITS["rad"] = math.degrees(1), "deg", 2
@@ -36,27 +36,11 @@ STATES = ("assumed", "determined")
 GIVEN = tuple(name for name in _options.SERIES if name not in ("time_offset", "readout_time", "focal_length"))
 
 
-class Photos(NamedTuple):
-    """Photos or frames, and what is known of each."""
-
-    pictures: Iterator[rs.NDArray[Any]]
-    exposures: list[rs.Exposure]
-    log: rs.GyroLog
-    start: rs.Camera
-
-
 @click.command("calibrate", cls=Command, epilog=EXAMPLES)
 @click.argument("sources", type=PATH, metavar="CLIP|PHOTO...", nargs=-1, required=True)
 @_options.recording_options(*GIVEN, required=("gyro",))
 @option(*("--from", "first"), type=SECONDS, help="First time offset.  [default: -1s; -30ms where the blur counts]")
 @option(*("--to", "last"), type=SECONDS, help="Last time offset.  [default: 1s; 30ms where the blur counts]")
-@option(
-    "--frames",
-    type=click.IntRange(min=RUN),
-    default=128,
-    show_default=True,
-    help="Number of frames that are used; those of a longer clip are spread over it.",
-)
 @_options.target_options(
     "TOML",
     f"Camera file to write; by default {CAMERA} beside the first of them.",
@@ -67,7 +51,6 @@ def command(
     recording: Recording,
     first: float | None,
     last: float | None,
-    frames: int,
     target: Target,
 ) -> None:
     """Calibrate a camera from a CLIP or PHOTOs, and their gyro log.
@@ -87,58 +70,54 @@ def command(
     check_camera_file(target.output, force=target.force)
     name = sources[0]
     with progress("calibrate") as move, naming(name, recording):
-        film = _film(sources, recording, frames)
-        method: Any = rs.calibrate if _is_clip(film) else rs.calibrate_photos
-        search = search_span(method, first, last)
-        result = method(film.pictures, film.exposures, film.log, film.start, search=search, progress=move)
+        log = read_log(recording).log
+        pictures, exposures, size = _film(sources, recording)
+        method: Any = rs.calibrate if _is_clip(exposures) else rs.calibrate_photos
+        search, start = search_span(method, first, last), _start(recording.camera, sources[0], size)
+        result = method(pictures, exposures, log, start, search=search, progress=move)
     if result.accepted:
         result.camera.save(target.output)
     if result.values and not target.as_json:
         _print(result)
     lines = [f"{target.output}: written"] if result.accepted else []
     written = str(target.output) if result.accepted else None
-    target.show("calibrate", rs.calibration_facts(result) | {"written": written}, *lines)
+    target.show(rs.calibration_facts(result) | {"written": written}, *lines)
     if not result.accepted:
         raise InputError(f"{name}: no camera file is written: {result.reason}")
 
 
-def _is_clip(film: Photos) -> bool:
+def _is_clip(exposures: list[rs.Exposure]) -> bool:
     """Return whether enough neighbouring pictures are so near in time that they show the same things."""
     # Timestamps of 64 bits are exact as integers only.
-    epoch_ns = film.exposures[0].epoch_ns
-    times = [1e-9 * (each.epoch_ns - epoch_ns) + each.start for each in film.exposures]
+    times = [1e-9 * (each.epoch_ns - exposures[0].epoch_ns) + each.start for each in exposures]
     near = sum(0 < after - before <= rs.LONGEST_STEP for before, after in pairwise(times))
     return near >= rs.LEAST_PAIRS
 
 
-def _film(sources: Sequence[Path], recording: Recording, count: int) -> Photos:
-    """Return the pictures to use, their exposures and logs, and the camera with the start values."""
-    log = read_log(recording).log
+def _film(
+    sources: Sequence[Path], recording: Recording
+) -> tuple[Iterator[rs.NDArray[Any]], list[rs.Exposure], tuple[int, int]]:
+    """Return the pictures to use, their exposures, and their width and height."""
     others = [source for source in sources if not rs.is_picture(rs.Source(source, "video or picture"))]
     if others and len(sources) > 1:
         raise FileFormatError(f"{others[0]}: not a picture; give photos, or one clip alone")
     if not others:
-        pictures, exposures, size = _photos(sources, recording)
-    else:
-        refuse_given(FOR_PHOTOS, index=recording.index)
-        clip = rs.open_clip(sources[0])
-        if len(clip) <= rs.LEAST_PAIRS:
-            raise InputError(
-                f"the clip has {len(clip)} frames; at least {rs.LEAST_PAIRS + 1} are needed, of some seconds"
-            )
-        every = clip_exposures(clip, recording)
-        runs = _runs(len(clip), count)
-        pictures = (rs.values_of(frame) for run in runs for frame in rs.frames(clip, run.start, run.stop))
-        exposures, size = [every[i] for run in runs for i in run], (clip.width, clip.height)
-    return Photos(pictures, exposures, log, _start(recording.camera, sources[0], size))
+        return _photos(sources, recording)
+    refuse_given(FOR_PHOTOS, index=recording.index)
+    clip = rs.open_clip(sources[0])
+    if len(clip) <= rs.LEAST_PAIRS:
+        raise InputError(f"the clip has {len(clip)} frames; at least {rs.LEAST_PAIRS + 1} are needed, of some seconds")
+    every, runs = clip_exposures(clip, recording), _runs(len(clip))
+    pictures = (rs.values_of(frame) for run in runs for frame in rs.frames(clip, run.start, run.stop))
+    return pictures, [every[i] for run in runs for i in run], (clip.width, clip.height)
 
 
-def _runs(length: int, count: int) -> list[range]:
-    """Return runs of consecutive frames, `count` frames in all, spread over a clip of `length` frames."""
-    if length <= count:
+def _runs(length: int) -> list[range]:
+    """Return runs of consecutive frames, spread over a clip of `length` frames."""
+    if length <= USED:
         return [range(length)]
-    parts = count // RUN
-    firsts = [round(i * (length - RUN) / max(parts - 1, 1)) for i in range(parts)]
+    parts = USED // RUN
+    firsts = [round(i * (length - RUN) / (parts - 1)) for i in range(parts)]
     return [range(first, first + RUN) for first in firsts]
 
 

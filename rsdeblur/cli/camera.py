@@ -1,4 +1,4 @@
-"""`rsdeblur camera`: create, import and show camera files; measure the readout."""
+"""`rsdeblur camera`: create and import camera files; measure the readout."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ Examples:
   rsdeblur camera import movie_metadata.csv --size 1080x1920 --sensor-width 4000 -o phone.toml
   rsdeblur camera import photo.jpg --readout-time 18ms -o phone.toml
   rsdeblur camera measure-readout wall1.jpg wall2.jpg wall3.jpg --mains 50
-  rsdeblur camera show phone.toml
 """
 
 
@@ -58,16 +57,7 @@ settings = _options.together(
 
 @click.group("camera", epilog=EXAMPLES)
 def command() -> None:
-    """Create, import and show camera files. Measure the readout time."""
-
-
-@command.command("show", cls=Command)
-@click.argument("file", type=PATH)
-@option("--name", metavar="CAMERA", help="Name of the camera, if the file has several.")
-@_options.target_options()
-def show(file: Path, name: str | None, target: Target) -> None:
-    """Show the camera in FILE. It may also be a picture with EXIF."""
-    _show(file, rs.open_camera(file, name=name), target)
+    """Create and import camera files, which `rsdeblur info` shows. Measure the readout time."""
 
 
 @command.command("new", cls=Command)
@@ -175,7 +165,7 @@ def measure_readout(
     if found.readout_time is not None:
         lines = [f"readout time {1e3 * found.readout_time:.1f} ms: {found.bands:.2f} bands of {500 / mains:.2f} ms"]
     facts = {"readout_time_s": found.readout_time, "bands": found.bands, "coherence": found.coherence}
-    target.show("camera measure-readout", facts, *lines)
+    target.show(facts, *lines)
     if found.readout_time is None:
         raise InputError(f"{photos[0]}: {found.reason}")
 
@@ -183,9 +173,5 @@ def measure_readout(
 def _write(file: rs.CameraFile, target: Target) -> None:
     check_camera_file(target.output, force=target.force)
     file.camera.save(target.output)
-    _show(target.output, file, target)
-
-
-def _show(path: Path, file: rs.CameraFile, target: Target) -> None:
-    entry = {"file": str(path)} | rs.camera_facts(file)
-    target.show("camera", entry, *lines_of(entry))
+    entry = {"file": str(target.output)} | rs.camera_facts(file)
+    target.show(entry, *lines_of(entry))

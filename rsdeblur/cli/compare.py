@@ -100,8 +100,9 @@ def compare_modes(
         report |= moment_facts(recording, ready.inputs)
         if sharp is not None:
             report |= {"truth": str(truth), "blurred": rs.similarity(shown["input"], sharp)}
-        compared = _solve(ready, rs.Page(report | {"modes": {}}, *ready.inputs, shown, {}, transfer), each_mode, target)
-    report = compared.report
+        report["modes"] = {}
+        compared = rs.Page(report, *ready.inputs, shown, {}, transfer)
+        _solve(ready, compared, each_mode, target)
     if sharp is not None:
         for mode in modes:
             report["modes"][mode] |= rs.similarity(shown[mode], sharp)
@@ -110,9 +111,9 @@ def compare_modes(
     if target.report is not None:
         rs.write_page(target.report, compared.completed(asdict(recording), options, texts))
         report["report"] = str(target.report)
-    write_json(target.output / REPORT, "compare", report)
+    write_json(target.output / REPORT, report)
     if target.as_json:
-        print_json("compare", report)
+        print_json(report)
         return
     print_table(*rs.mode_table(report))
     for mode, facts in report["modes"].items():
@@ -120,15 +121,13 @@ def compare_modes(
     say(*rs.remarks(report))
 
 
-def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options], target: Target) -> rs.Page:
-    """Deblur and write the picture in each mode, and return the comparison with the results."""
+def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options], target: Target) -> None:
+    """Deblur and write the picture in each mode, and add the results to the comparison."""
     picture = ready.inputs.picture
     with progress("plan") as move, ready.naming:
         planned = ready.plan(move, next(iter(each_mode.values())))
     if planned.refinement is not None:
         compared.report["refinement"] = rs.refinement_facts(planned.refinement)
-    banks: dict[str, rs.PsfBank] = {}
-    unseen = 0.0
     names = output_names(Path(compared.report["photo"]), list(each_mode))
     for (mode, chosen), name in zip(each_mode.items(), names, strict=False):
         chosen = replace(chosen, translation=planned.options.translation, refine=False)
@@ -137,10 +136,8 @@ def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options]
             result = rs.Plan(planned.frame, planned.capture, chosen).apply(picture.pixels, progress=move)
             seconds = elapsed()
         rs.write_picture(target.output / name, result.image, like=picture, force=target.force)
-        compared.shown[mode], banks[mode] = rs.display_values(result.image, compared.transfer), result.psfs
+        compared.shown[mode], compared.banks[mode] = rs.display_values(result.image, compared.transfer), result.psfs
         compared.report["modes"][mode] = rs.result_facts(result, target.output / name, chosen.prior_name, seconds)
-        unseen = 1.0 - float(result.coverage.mean())
-    return compared._replace(banks=banks, unseen=unseen)
 
 
 def _read_truth(truth: Path, photo: Path, picture: rs.Picture, transfer: Transfer | Auto) -> rs.NDArray[Any]:

@@ -105,7 +105,7 @@ def command(
     if target.dry_run:
         size, kernels = (" x ".join(map(str, facts[name])) for name in ("size_px", "psf_px"))
         how = f"{facts['mode']}, PSFs of up to {kernels} px, {facts['prior']}"
-        target.show("deblur --dry-run", facts, f"{photo}: {size} px, all inputs fit; would write {output} ({how})")
+        target.show(facts, f"{photo}: {size} px, all inputs fit; would write {output} ({how})")
         return
     asked = bool(refine) or level() > 0
-    target.show("deblur", facts, f"{output}: {rs.summary(facts)}", *rs.remarks(facts, asked=asked))
+    target.show(facts, f"{output}: {rs.summary(facts)}", *rs.remarks(facts, asked=asked))

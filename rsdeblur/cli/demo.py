@@ -136,7 +136,7 @@ def command(size: tuple[int, int], seed: int, kind: str, target: Target) -> None
         recording = Recording(gyro=gyro, camera=camera, start=start, duration=duration)
         compare_modes(blurred, recording, Options(), target, truth=rolling)
     elif target.as_json:
-        print_json("demo", {"files": names, "command": again})
+        print_json({"files": names, "command": again})
     if not target.as_json:
         say("", f"The files are in {output}. This command deblurs them:", "", f"  {again}")
 

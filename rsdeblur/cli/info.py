@@ -48,7 +48,7 @@ def command(files: tuple[Path, ...], recording: Recording, target: Target) -> No
         # A reason is reported as the error, at the end.
         if not target.as_json and "reason" not in entry:
             say(*lines_of(entry))
-    target.show("info", {"files": entries})
+    target.show({"files": entries})
     reasons = [entry["reason"] for entry in entries if "reason" in entry]
     if reasons:
         raise FileFormatError("; ".join(reasons))
@@ -58,10 +58,6 @@ def _entries(files: tuple[Path, ...], recording: Recording) -> Iterator[dict[str
     reading = {name.removeprefix("gyro_"): getattr(recording, name) for name in READING}
     for path in files:
         try:
-            if not path.is_file():
-                what = "not a regular file" if path.exists() else "there is no such file"
-                what = "a folder; give the files in it" if path.is_dir() else what
-                raise FileFormatError(f"{path}: {what}")
             yield {"file": str(path)} | rs.describe(path, reading)
         except FileFormatError as error:
             # The command describes the other files first.

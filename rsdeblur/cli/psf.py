@@ -91,7 +91,7 @@ def command(
     }
     grid = f"{bands} x {strips} kernels (bands x strips) of {wide} x {tall} px"
     place = "" if target.output is None else f"{target.output}: "
-    target.show("psf", facts, f"{place}{grid}, paths {shortest:.1f} to {longest:.1f} px long")
+    target.show(facts, f"{place}{grid}, paths {shortest:.1f} to {longest:.1f} px long")
 
 
 def _save_paths(path: Path, bank: rs.PsfBank, duration: float) -> None:
@@ -122,4 +122,4 @@ def _draw(shape: dict[str, Any], target: Target) -> None:
         rs.write_picture(output, kernel / kernel.max(), bits=16 if suffix == ".png" else 32, force=target.force)
     tall, wide = bank.size
     facts = {"bands": 1, "strips": 1, "psf_px": [wide, tall], "rows": [0.0], "cols": [0.0]}
-    target.show("psf", facts, f"{output}: a kernel of {wide} x {tall} px")
+    target.show(facts, f"{output}: a kernel of {wide} x {tall} px")

@@ -66,4 +66,4 @@ def command(
     for path, values in zip(paths, pictures, strict=True):
         rs.write_picture(path, rs.from_linear(values.clip(0.0, 1.0), written), bits=int(bits), force=target.force)
     facts = {"outputs": [str(path) for path in paths], "size_px": [camera.width, camera.height]}
-    target.show("simulate", facts, f"{', '.join(map(str, paths))}: {camera.width} x {camera.height} px")
+    target.show(facts, f"{', '.join(map(str, paths))}: {camera.width} x {camera.height} px")

@@ -83,5 +83,5 @@ def command(
             rs.write_time_offset(recording.camera, found.time_offset)
             written = str(recording.camera)
             lines.append(f"written to {written}")
-    target.show("sync", rs.offset_facts(found) | {"written": written}, *lines)
+    target.show(rs.offset_facts(found) | {"written": written}, *lines)
     checked_offset(found, photos)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import median
-from typing import Any, NamedTuple
+from typing import Any, TypeAlias
 
 import click
 
@@ -32,13 +32,8 @@ Examples:
 """
 
 
-class _Shot(NamedTuple):
-    """One photo or frame: its name, its exposure or None, its blur in px, and the reason why that is unknown."""
-
-    name: dict[str, Any]
-    exposure: rs.Exposure | None
-    blur: float
-    reason: str | None
+# A photo or a frame: its name, its exposure or None, its blur in px, and the reason why that is unknown.
+Shot: TypeAlias = "tuple[dict[str, Any], rs.Exposure | None, float, str | None]"
 
 
 @click.command("triage", cls=Command, epilog=EXAMPLES)
@@ -86,15 +81,16 @@ def command(source: Path, recording: Recording, keep: float, drop: float, target
         raise InputError(f"{source}: there is nothing to measure, because no photo is listed")
     import numpy as np
 
-    judged = rs.Triage(np.array([shot.blur for shot in shots]), tuple(shot.reason for shot in shots), keep, drop)
-    entries = _entries(shots, judged)
+    names, exposures, blurs, reasons = zip(*shots, strict=True)
+    judged = rs.Triage(np.array(blurs), reasons, keep, drop)
+    entries = _entries(names, exposures, judged)
     report = {"keep_px": keep, "drop_px": drop, "counts": judged.counts, "items": entries}
     if output is not None:
-        write_json(output / REPORT, "triage", report)
+        write_json(output / REPORT, report)
         with atomic_write(output / PLOT) as file:
             file.write(rs.timeline_svg([entry["time_s"] for entry in entries], judged))
     if target.as_json:
-        print_json("triage", report)
+        print_json(report)
     else:
         _print(source, judged, output)
     if judged.counts["unknown"] == len(judged):
@@ -102,17 +98,17 @@ def command(source: Path, recording: Recording, keep: float, drop: float, target
         raise InputError(f"{source}: the blur of all {len(judged)} {kind} is unknown, the first: {judged.reasons[0]}")
 
 
-def _frames(source: Path, recording: Recording) -> list[_Shot]:
+def _frames(source: Path, recording: Recording) -> list[Shot]:
     """Measure the frames of a video; only their timestamps are read."""
     require(recording, "gyro", "camera")
     device = read_device(recording)
     exposures = clip_exposures(rs.open_clip(source), recording)
-    return [_Shot({"frame": i}, each, *rs.blur_of(*device, each)) for i, each in enumerate(_shown(exposures))]
+    return [({"frame": i}, each, *rs.blur_of(*device, each)) for i, each in enumerate(_shown(exposures))]
 
 
-def _photos(source: Path, recording: Recording, output: Path | None) -> list[_Shot]:
+def _photos(source: Path, recording: Recording, output: Path | None) -> list[Shot]:
     """Measure the photos of a folder or of a manifest."""
-    shots = []
+    shots: list[Shot] = []
     for item in _shown(read_items([source], recording, output or source / "triage")):
         exposure, blur, failure = None, math.nan, item.error
         if item.recording is not None:
@@ -121,7 +117,7 @@ def _photos(source: Path, recording: Recording, output: Path | None) -> list[_Sh
                 blur, failure = rs.blur_of(log, camera, exposure)
             except FAILURES as error:
                 failure = reason(error)
-        shots.append(_Shot({"photo": str(item.photo)}, exposure, blur, failure))
+        shots.append(({"photo": str(item.photo)}, exposure, blur, failure))
     return shots
 
 
@@ -133,18 +129,19 @@ def _shown(items: Sequence[Any]) -> Iterator[Any]:
             yield item
 
 
-def _entries(shots: Sequence[_Shot], judged: rs.Triage) -> list[dict[str, Any]]:
+def _entries(
+    names: Sequence[dict[str, Any]], exposures: Sequence[rs.Exposure | None], judged: rs.Triage
+) -> list[dict[str, Any]]:
     """Return what is known about each picture; times are those after the first start of an exposure."""
     # Timestamps of 64 bits are exact as integers only.
-    exposures = [shot.exposure for shot in shots]
     starts = [None if each is None else each.epoch_ns + round(1e9 * each.start) for each in exposures]
     first = min((start for start in starts if start is not None), default=0)
-    columns = zip(shots, starts, judged.lengths.tolist(), judged.decisions, judged.reasons, strict=True)
+    columns = zip(names, starts, judged.lengths.tolist(), judged.decisions, judged.reasons, strict=True)
     return [
-        shot.name
+        name
         | {"time_s": None if start is None else 1e-9 * (start - first)}
         | {"blur_px": None if math.isnan(length) else length, "decision": decision, "reason": reason}
-        for shot, start, length, decision, reason in columns
+        for name, start, length, decision, reason in columns
     ]
 
 

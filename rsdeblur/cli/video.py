@@ -95,7 +95,7 @@ def command(
         if not target.dry_run:
             dropped = rs.deblur_video(plan, output, encoding=encoding, jobs=jobs, force=target.force, progress=move)
             facts |= {"dropped": dropped, "seconds": time.perf_counter() - begin}
-    target.show("video", facts | {"dry_run": target.dry_run}, *_lines(source, output, facts))
+    target.show(facts | {"dry_run": target.dry_run}, *_lines(source, output, facts))
 
 
 def _lines(source: Path, output: Path, facts: dict[str, Any]) -> list[str]:

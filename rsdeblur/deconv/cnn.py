@@ -20,7 +20,6 @@ import numpy as np
 
 from rsdeblur._util.threads import share_blocks
 from rsdeblur._util.validate import missing
-from rsdeblur.deconv.wavelet import OPPONENT
 from rsdeblur.errors import InputError
 from rsdeblur.types import FloatImage
 
@@ -32,6 +31,8 @@ NETWORK = Path(__file__).with_name("cnn.onnx")
 HALO = 20
 # Height and width of the blocks that a thread works on, px; even, so that all blocks have the same quarters.
 BLOCK = 256, 256
+# Brightness and two colour differences, an orthonormal basis.
+OPPONENT = np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3.0], [2.0], [6.0]])
 
 
 def cnn_denoise(image: FloatImage, sigma: float, *, threads: int | None = None) -> FloatImage:

@@ -14,7 +14,6 @@ import pyfftw
 from numpy.typing import NDArray
 
 from rsdeblur._util.memory import empty
-from rsdeblur._util.threads import held_at_forks
 from rsdeblur.kernels import spectral
 from rsdeblur.types import ComplexArray, Float32Array
 
@@ -106,4 +105,4 @@ def _plan(source: NDArray[Any], target: NDArray[Any], direction: str) -> Any:
 
 
 # FFTW has one planner per process.
-_planner = held_at_forks(threading.RLock())
+_planner = threading.Lock()

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from rsdeblur.deconv.fft import LineTransform, RowTransform, fast_length
 from rsdeblur.kernels.raster import OVERSAMPLING, WIDTH, spread, window_spectrum
-from rsdeblur.kernels.spectral import columns_around_origin, lowest_frequencies
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, Float32Array
 
@@ -23,10 +22,11 @@ COLUMNS = 64
 
 
 class Gains(NamedTuple):
-    """Factors on the frequencies of a bank's OTFs; all threads that compute columns of one OTF use the same ones."""
+    """Factors on the frequencies of OTFs of paths; all threads that compute columns of one OTF use the same ones."""
 
-    down: Float32Array | None  # along y (L,); None for kernels, which have none
-    across: Float32Array  # along x (W // 2 + 1,)
+    # Each is there twice, for real and imaginary parts: NumPy would make complex numbers of them for complex ones.
+    down: Float32Array  # along y (2 L,); half for the highest frequency of an even number, which has either sign
+    across: Float32Array  # along x (2 (W // 2 + 1),)
 
 
 class OtfPlanner:
@@ -45,20 +45,22 @@ class OtfPlanner:
         self._transforms: dict[bool, tuple[RowTransform, LineTransform]] = {}
         self._lowest: ComplexArray = np.empty((COLUMNS, lengths[0]), np.complex64)
 
-    def gains(self, bank: PsfBank) -> Gains:
-        """Return the gains of the OTFs of `bank`: those of paths are divided by the spectrum of the window."""
+    def gains(self, bank: PsfBank) -> Gains | None:
+        """Return the gains of the OTFs of paths, which undo the window; None for a bank of kernels, which need none."""
         if bank.displacements is None:
-            return Gains(None, np.ones(self._lengths[1] // 2 + 1, np.float32))
+            return None
         turns: tuple[Any, ...] = np.fft.fftfreq(self._lengths[0]), np.fft.rfftfreq(self._lengths[1])
         down, across = (
             (np.exp(-2 * np.square(np.pi * bank.softness * f)) / window_spectrum(f / pitch)).astype(np.float32)
             for f, pitch in zip(turns, self._pitches, strict=True)
         )
-        return Gains(down, across)
+        if len(down) % 2 == 0:
+            down[len(down) // 2] /= 2
+        return Gains(np.repeat(down, 2), np.repeat(across, 2))
 
-    def rows(self, bank: PsfBank, band: int, strip: int) -> ComplexArray:
+    def rows(self, bank: PsfBank, gains: Gains | None, band: int, strip: int) -> ComplexArray:
         """Return the row spectra of a kernel of `bank`, or of its path; the next call overwrites them."""
-        if bank.displacements is None:
+        if bank.displacements is None or gains is None:
             return self._row_spectra(bank.kernels[band, strip], 1.0, drawn=True)
         # Around each position, the window takes points up to half its width away.
         down, across = (
@@ -71,6 +73,8 @@ class OtfPlanner:
         if self._lengths[1] % 2 == 0:
             # The highest frequency has either sign, so that its phase is cos(pi x).
             spectrum.imag[:, -1] = 0
+        parts = spectrum.view(np.float32)
+        parts *= gains.across
         return spectrum
 
     def _row_spectra(self, grid: NDArray[np.floating], factor: float, *, drawn: bool) -> ComplexArray:
@@ -83,24 +87,40 @@ class OtfPlanner:
         transform.forward()
         return transform.spectra[0, :height, : self._lengths[1] // 2 + 1]
 
-    def columns(self, spectrum: ComplexArray, gains: Gains, first: int) -> ComplexArray:
+    def columns(self, spectrum: ComplexArray, gains: Gains | None, first: int) -> ComplexArray:
         """Return columns of the OTF from `first` on, shape (COLUMNS, lengths[0]); the next call overwrites them.
 
         Those beyond the highest frequency are zero.
         """
-        transform = self._buffers(gains.down is None, len(spectrum))[1]
-        columns_around_origin(spectrum.view(np.float32), gains.across, first, transform.lines.view(np.float32))
+        transform = self._buffers(gains is None, len(spectrum))[1]
+        lines, above = transform.lines, len(spectrum) // 2
+        columns, below, start = spectrum[:, first : first + COLUMNS].T, len(spectrum) - above, lines.shape[1] - above
+        count = len(columns)
+        # The middle row is the origin.
+        lines[:count, :below], lines[:count, start:] = columns[:, above:], columns[:, :above]
+        # As floats: NumPy fills with complex numbers at half the speed.
+        lines[:count, below:start].view(np.float32)[...] = 0
+        lines[count:] = 0
         transform.forward()
-        if gains.down is None:
-            return transform.spectra
-        lowest_frequencies(transform.spectra.view(np.float32), gains.down, self._lowest.view(np.float32))
-        return self._lowest
+        return transform.spectra if gains is None else self._lowest_frequencies(transform.spectra, gains)
+
+    def _lowest_frequencies(self, spectra: ComplexArray, gains: Gains) -> ComplexArray:
+        """Return the frequencies of a tile of columns of a finer grid, in FFT's order, times their gains."""
+        lowest, half = self._lowest, self._lengths[0] // 2
+        split = self._lengths[0] - half
+        lowest[:, :split], lowest[:, split:] = spectra[:, :split], spectra[:, spectra.shape[1] - half :]
+        if split == half:
+            lowest[:, half] += spectra[:, half]
+        parts = lowest.view(np.float32)
+        parts *= gains.down
+        return lowest
 
     def whole(self, bank: PsfBank, band: int, strip: int) -> ComplexArray:
         """Return the OTF at all frequencies, in the order of `numpy.fft.fft2`."""
         height, width = self._lengths
         half = np.empty((width // 2 + 1, height), np.complex64)
-        spectrum, gains = self.rows(bank, band, strip), self.gains(bank)
+        gains = self.gains(bank)
+        spectrum = self.rows(bank, gains, band, strip)
         for first in range(0, len(half), COLUMNS):
             part = half[first : first + COLUMNS]
             part[...] = self.columns(spectrum, gains, first)[: len(part)]

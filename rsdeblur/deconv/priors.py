@@ -177,9 +177,7 @@ class LatentPrior(Protocol):
 def check_prior(prior: LatentPrior) -> LatentPrior:
     """Return `prior`, as a solver's caller gives it; raise `InputError` if it is no instance of a class of priors."""
     if isinstance(prior, type) or not hasattr(prior, "restore"):
-        raise InputError(
-            f"prior must be a DerivativePrior, a WaveletPrior or a PlugAndPlayPrior, got {validate.shown(prior)}"
-        )
+        raise InputError(f"prior must be a DerivativePrior or a PlugAndPlayPrior, got {validate.shown(prior)}")
     return prior
 
 
@@ -256,7 +254,6 @@ class DerivativePrior:
         self,
         solver: QuadraticSolver,
         *,
-        start: FloatImage | None = None,
         penalties: Sequence[float] = PENALTIES,
         ahead: float = AHEAD,
         threads: int | None = None,
@@ -267,9 +264,6 @@ class DerivativePrior:
         ----------
         solver : QuadraticSolver
             Solver that holds its observation.
-        start : ndarray, float32, optional
-            Picture in the solver's frame whose derivatives the first step shrinks, and which later steps overwrite;
-            default the solution without a pull at the first penalty.
         penalties : sequence of float
             Values of beta / weight, one for each step, for a peak of 1.
         ahead : float
@@ -289,7 +283,7 @@ class DerivativePrior:
         assert kind.shrink is not None, "restore() solves it at once"
         weight, peak = self.weight, max(1.0 if self.peak is None else self.peak, LEAST_PEAK)
         penalties = [min(penalty * peak ** (exponent - 2.0), MOST_STRENGTH / weight) for penalty in penalties]
-        latent = guess = solver.solve(weight * penalties[0], None, kind.coupling) if start is None else start
+        latent = guess = solver.solve(weight * penalties[0], None, kind.coupling)
         polynomial, pull = shrinkage(exponent), np.empty_like(latent)
         workspaces = [workspace(latent) for _ in range(min(thread_count(threads), len(_blocks(latent))))]
         for penalty in penalties:

@@ -113,7 +113,7 @@ class TileNormal(TileFilter):
 
         It is called as ``minimise(block, signal, power, slabs)``. What slabs hold counts only if something `pulls`.
         """
-        weights, pull = coupling.weights(beta), np.float32(beta if pulls else 0.0)
+        weights, pull = np.array(coupling.weights(beta), np.float32), np.float32(beta if pulls else 0.0)
         nsr, scale = np.float32(self.nsr), np.float32(self._scale)
 
         def minimise(block: int, signal: ComplexArray, power: Float32Array, slabs: ComplexArray) -> None:
@@ -230,7 +230,7 @@ class TileQuadratic(TileNormal):
             Linear light, floats; converted to float32.
         out : ndarray, float32, optional
             Receives the result; may be `image` itself.
-        prior : DerivativePrior, WaveletPrior or PlugAndPlayPrior
+        prior : DerivativePrior or PlugAndPlayPrior
             Assumption about the sharp picture.
         progress : callable, optional
             Called with the finished fraction after each solve.

@@ -370,7 +370,7 @@ class RowDeconvolver(RowSolver):
             Linear light, floats; converted to float32.
         out : ndarray, float32, optional
             Receives the result; may be `image` itself.
-        prior : DerivativePrior, WaveletPrior or PlugAndPlayPrior, optional
+        prior : DerivativePrior or PlugAndPlayPrior, optional
             Assumption about the sharp picture; without it the result is that of the Wiener filter.
         progress : callable, optional
             Called with the finished fraction after each strip and, with a prior, after each solve.

@@ -183,7 +183,7 @@ class TileFilter:
 
         def plan(thread: int, tile: int) -> None:
             s, b = divmod(tile, out.shape[2])
-            spectrum = self._planners[thread].rows(bank, b, first + s)
+            spectrum = self._planners[thread].rows(bank, gains, b, first + s)
             for part in parts:
                 fill(thread, s, b, spectrum, part)
 
@@ -191,7 +191,7 @@ class TileFilter:
         if tiles > 1:
             self._hybrid.team.share(plan, range(tiles))
             return
-        spectrum = self._planners[0].rows(bank, 0, first)
+        spectrum = self._planners[0].rows(bank, gains, 0, first)
         self._hybrid.team.share(lambda thread, part: fill(thread, 0, 0, spectrum, part), parts)
 
 

@@ -30,13 +30,10 @@ class Bounds(NamedTuple):
 
 
 class Alternative(NamedTuple):
-    """What is said where an alternative explains the picture better, and when that does not count."""
+    """What is said where an alternative explains the picture better, and whether it does not make a result bad."""
 
     hint: str
     is_harmless: bool = False
-    """Whether it does not make a result bad."""
-    refuted: float | None = None
-    """How much smaller log l1 / l2 must be with the motion, so that the alternative is not even doubtful."""
 
 
 # Lead of the motion over the best alternative, nats per tile; light below black as a share of the picture's contrast;
@@ -59,10 +56,10 @@ ALTERNATIVES = {
     "still": Alternative("no blur at all."),
     "mirrored": Alternative("the motion mirrored: is one of the gyroscope's axes reversed?"),
     "exchanged": Alternative("the motion with x and y exchanged: are the gyroscope's axes right?"),
-    "straight": Alternative("a straight blur: is it another moment's motion, or does the scene move?", True, 0.01),
+    "straight": Alternative("a straight blur: is it another moment's motion, or does the scene move?", True),
 } | {
     f"{size:g} times": Alternative(
-        f"{size:g} times the motion: are the focal length and the unit of the rates right?", size > 1, 0.02
+        f"{size:g} times the motion: are the focal length and the unit of the rates right?", size > 1
     )
     for size in SIZES
 }
@@ -83,26 +80,17 @@ class QualityCheck:
         Log-likelihood of the blurred picture under the motion minus that under the best alternative, in nats per tile,
         where no tile counts for more than 10; negative if the alternative wins, None if it cannot be judged.
     alternative : str or None
-        The best alternative; where one makes the result bad, the best of those that can. Straight blurs and other sizes
-        of the motion, with which the sharp picture is clearly less clear, do not count otherwise.
+        The best alternative; where one makes the result bad, the best of those that can.
     ringing : float
         Light below black that deblurring added, root mean square, as a share of the picture's standard deviation.
-    noise_gain : float or None
-        Noise of the result over that of the input.
     detail : float or None
         Energy of the result's gradient over that of the input's without its noise, both at half size or less.
-    residual : float or None
-        Difference between the input and the result blurred again, root mean square, as a share of the picture's
-        standard deviation; None if the PSF is too large for a tile or the result was straightened.
     half_turn : float or None
         By how much the logarithm of l1 / l2 of the gradient falls if the motion is turned by half a turn about the
         optical axis; positive if the picture becomes sharper so, 0 if it has less than 160 px on its shorter side,
         None if the motion cannot be judged.
-    leads, ringings : tuple of float
-        Lead and ringing in equal parts of the picture along the readout. A part's lead is over the alternative that is
-        best there, of those that can make a result bad.
-    blended : bool
-        Whether the result was blended towards the input because of this check.
+    replaced : bool
+        Whether the input was returned in place of the result because of this check.
     """
 
     verdict: Verdict
@@ -110,57 +98,25 @@ class QualityCheck:
     lead: float | None
     alternative: str | None
     ringing: float
-    noise_gain: float | None
     detail: float | None
-    residual: float | None
     half_turn: float | None
-    leads: tuple[float, ...]
-    ringings: tuple[float, ...]
-    blended: bool = False
+    replaced: bool = False
 
 
 def assess(
-    evidence: MotionEvidence,
-    result: EncodedImage,
-    meter: UndershootMeter,
-    *,
-    resampled: bool,
-    threads: int | None = None,
+    evidence: MotionEvidence, result: EncodedImage, meter: UndershootMeter, *, threads: int | None = None
 ) -> QualityCheck:
-    """Check a result, a sharp picture with its readout along y; `resampled` says whether it was straightened."""
-    ringing, ringings = meter.ringing()
-    check = QualityCheck("cannot tell", (), None, None, ringing, None, None, None, None, (), ringings)
+    """Check a result, a sharp picture with its readout along y."""
+    ringing = meter.ringing()
     if evidence.tiles is None:
-        return _with_verdict(check, evidence.unknown)
-    gain, detail, residual = evidence.tiles.compare(result, resampled=resampled, threads=threads)
-    scores = evidence.scores
-    means = {name: float(score.mean()) for name, score in scores.items()}
-    harmful = {name: mean for name, mean in means.items() if not ALTERNATIVES[name].is_harmless}
-    compared = harmful if min(harmful.values()) < LEAD.bad else _not_refuted(evidence, means, threads)
+        return _with_verdict(QualityCheck("cannot tell", (), None, None, ringing, None, None), evidence.unknown)
+    leads = evidence.leads
+    harmful = {name: lead for name, lead in leads.items() if not ALTERNATIVES[name].is_harmless}
+    compared = harmful if min(harmful.values()) < LEAD.bad else leads
     alternative = min(compared, key=compared.__getitem__)
-    check = replace(
-        check,
-        lead=means[alternative],
-        alternative=alternative,
-        noise_gain=gain,
-        detail=detail,
-        residual=residual,
-        half_turn=evidence.half_turn,
-        leads=tuple(map(float, np.min([scores[name] for name in harmful], axis=0))),
-    )
+    detail = evidence.tiles.detail(result, threads=threads)
+    check = QualityCheck("cannot tell", (), leads[alternative], alternative, ringing, detail, evidence.half_turn)
     return _with_verdict(check)
-
-
-def _not_refuted(evidence: MotionEvidence, means: dict[str, float], threads: int | None) -> dict[str, float]:
-    """Return the leads without those of alternatives that explain the picture better, but make it less clear.
-
-    Straight edges look like a straight blur, or like a smaller motion along them.
-    """
-    least = {name: each.refuted for name, each in ALTERNATIVES.items() if each.refuted is not None}
-    better = [name for name, mean in means.items() if mean < LEAD.doubtful and name in least]
-    clearer = evidence.clearer(better, threads)
-    refuted = {name for name, more in zip(better, clearer, strict=True) if more > least[name]}
-    return {name: mean for name, mean in means.items() if name not in refuted}
 
 
 def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:

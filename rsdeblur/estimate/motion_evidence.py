@@ -7,13 +7,12 @@ sharp picture that it leads to decides. :mod:`rsdeblur.estimate.check` draws the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import irfft2, rfft2
 
 from rsdeblur._util.threads import share, share_map
 from rsdeblur.estimate.sharpness import SIDE, QuickSharpness
@@ -45,18 +44,15 @@ LINES = 3.0, 7.0, 15.0
 class MotionEvidence:
     """What a blurred picture says of its motion.
 
-    `tiles` is None where they say nothing, and the sentence `unknown` says why. `scores` has the lead of the motion
-    over each alternative, nats, as means of the rows of tiles, shape (B,). `half_turn` is that of
-    :class:`rsdeblur.estimate.QualityCheck`. `clearer` takes names of straight blurs and other sizes, and a number of
-    threads, and returns how much clearer the sharp picture is with the motion than with each: differences of the
-    logarithm of l1 / l2 of the gradient.
+    `tiles` is None where they say nothing, and the sentence `unknown` says why. `leads` has the lead of the motion
+    over each alternative, nats per tile. `half_turn` is that of
+    :class:`rsdeblur.estimate.QualityCheck`.
     """
 
     tiles: CheckTiles | None = None
     unknown: str = ""
-    scores: dict[str, FloatArray] = field(default_factory=dict)
+    leads: dict[str, float] = field(default_factory=dict)
     half_turn: float | None = None
-    clearer: Callable[[Sequence[str], int | None], list[float]] = field(default=lambda names, _: [0.0] * len(names))
 
     @classmethod
     def of(cls, encoded: EncodedImage, capture: Capture, *, threads: int | None = None) -> MotionEvidence:
@@ -72,21 +68,13 @@ class MotionEvidence:
         if not tiles.detailed:
             return cls(unknown="The picture shows no detail to judge the motion by.")
 
-        def turned() -> tuple[QuickSharpness, float, float]:
-            sharpness = QuickSharpness(_reduced(encoded), moving)
-            own = sharpness.of(moving)
-            return sharpness, own, sharpness.half_turn(moving, own)
+        def turned() -> float:
+            return QuickSharpness(_reduced(encoded), moving).half_turn(moving)
 
         # Each is too small to be shared, but they need not wait for each other.
         measures: tuple[Callable[[], Any], ...] = turned, tiles.alternatives
-        (sharpness, own, turn), (scores, line) = share_map(lambda measure: measure(), measures, threads)
-        others = {"straight": line} | {f"{size:g} times": size for size in SIZES}
-
-        def clearer(names: Sequence[str], threads: int | None) -> list[float]:
-            measures = sharpness.under_others(moving, [others[name] for name in names], threads=threads)
-            return [each - own for each in measures]
-
-        return cls(tiles, "", scores, turn, clearer)
+        turn, leads = share_map(lambda measure: measure(), measures, threads)
+        return cls(tiles, "", leads, turn)
 
     @classmethod
     def of_burst(cls, frames: Sequence[tuple[EncodedImage, Capture]], *, threads: int | None = None) -> MotionEvidence:
@@ -98,9 +86,8 @@ class MotionEvidence:
         return cls(
             each[0].tiles,
             "",
-            {name: np.mean([evidence.scores[name] for evidence in judged], axis=0) for name in each[0].scores},
+            {name: float(np.mean([evidence.leads[name] for evidence in judged])) for name in each[0].leads},
             float(np.mean([evidence.half_turn for evidence in judged])),
-            lambda names, threads: np.mean([evidence.clearer(names, threads) for evidence in judged], axis=0).tolist(),
         )
 
 
@@ -138,11 +125,8 @@ class CheckTiles:
         share(reduce, range(len(tops)), threads)
         return reduced, finest
 
-    def alternatives(self) -> tuple[dict[str, FloatArray], FloatArray]:
-        """Return the lead of the motion over each alternative, nats, as means of the rows of tiles, shape (B,).
-
-        And the path of the best straight blur, px of the picture, shape (T, 2).
-        """
+    def alternatives(self) -> dict[str, float]:
+        """Return the lead of the motion over each alternative, nats per tile."""
         places = [np.arange(len(corners)) * CELL + 1 for corners in self._corners]
         measured = TilePeriodograms(_mosaic(self._blurred), *places)
         shape = tuple(map(len, places))
@@ -154,49 +138,27 @@ class CheckTiles:
 
         of_motion = fit(self._kernels)
 
-        def lead(kernels: NDArray[np.float32]) -> FloatArray:
-            each_row: FloatArray = (fit(kernels) - of_motion).clip(-MOST_NATS, MOST_NATS).mean(axis=1)
-            return each_row
-
-        def best(kernels: Iterable[NDArray[np.float32]]) -> tuple[int, FloatArray]:
-            return min(enumerate(map(lead, kernels)), key=lambda pair: float(pair[1].sum()))
+        def lead(kernels: NDArray[np.float32]) -> float:
+            return float((fit(kernels) - of_motion).clip(-MOST_NATS, MOST_NATS).mean())
 
         turned = np.swapaxes(self._kernels, 2, 3)
         still = np.ones((1, 1, 1, 1), dtype=np.float32)
         sized = {size: replace(self._paths, displacements=size * self._paths.displacements) for size in SIZES}
-        lines, half = _lines(), int(max(LINES) // 2) + 1
-        line, straight = best(kernel[None, None] for kernel in rasterize(lines, half, half, 1))
-        scores = {
+        half = int(max(LINES) // 2) + 1
+        return {
             "mirrored": lead(self._kernels[:, :, ::-1]),
-            "exchanged": best((turned, turned[:, :, ::-1]))[1],
+            "exchanged": min(lead(turned), lead(turned[:, :, ::-1])),
             "still": lead(still),
-            "straight": straight,
+            "straight": min(lead(kernel[None, None]) for kernel in rasterize(_lines(), half, half, 1)),
             **{f"{size:g} times": lead(PsfBank.from_paths(paths, threads=1).kernels) for size, paths in sized.items()},
         }
-        return scores, self._step * lines[line]
 
-    def compare(
-        self, result: EncodedImage, *, resampled: bool, threads: int | None
-    ) -> tuple[float | None, float | None, float | None]:
-        """Return noise gain, detail and residual of the result, see :class:`rsdeblur.estimate.QualityCheck`."""
-        sharp, finest = self._cells(result, threads)
-        gain = noise_level(_mosaic(finest)[..., None]) / self._noise if self._noise > 0 else None
+    def detail(self, result: EncodedImage, *, threads: int | None) -> float | None:
+        """Return the detail of the result, see :class:`rsdeblur.estimate.QualityCheck`."""
+        sharp, _ = self._cells(result, threads)
         # White noise has the same variance in all pixels, and twice that in each difference.
         left = _gradient(self._blurred) - 4 * (self._noise / self._step) ** 2
-        detail = _gradient(sharp) / left if left > 0 else None
-        return gain, detail, None if resampled else self._residual(sharp)
-
-    def _residual(self, sharp: NDArray[np.float32]) -> float | None:
-        """Return the residual in the inner parts of the tiles, whose blur needs no pixels outside."""
-        tall, wide = self._kernels.shape[2:]
-        if max(tall, wide) > TILE // 2:
-            return None
-        spectra = rfft2(sharp, (TILE, TILE)) * rfft2(self._kernels, (TILE, TILE))
-        # The part of the periodic convolution that does not wrap around.
-        again = irfft2(spectra, (TILE, TILE))[..., tall - 1 :, wide - 1 :]
-        inner = np.s_[..., tall // 2 : TILE - tall // 2, wide // 2 : TILE - wide // 2]
-        difference = float(np.sqrt(np.mean(np.square(again - self._blurred[inner]))))
-        return difference / float(self._blurred.std())
+        return _gradient(sharp) / left if left > 0 else None
 
 
 @dataclass(frozen=True, slots=True)

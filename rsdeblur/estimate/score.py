@@ -91,7 +91,6 @@ class Photo:
         other.likelihood, other._kept = PhotoLikelihood(self.likelihood.spectra, recording, deviations), {}
         return other
 
-    @property
     @once
     def whole(self) -> WholeSharpness:
         """The measure of whole solves, which most photos do not need."""
@@ -248,7 +247,6 @@ class Score:
             return gain
         return gain + NATS_PER_FALL * fall
 
-    @property
     @once
     def _given_length(self) -> float:
         return _length(self.posterior.recordings(self.nothing))

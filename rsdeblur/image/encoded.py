@@ -18,7 +18,7 @@ from scipy import ndimage
 from rsdeblur._util import validate
 from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import share
-from rsdeblur.choices import Auto, Motion, Transfer
+from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
 from rsdeblur.kernels.tone import look_up, to_srgb
@@ -56,8 +56,6 @@ class EncodedImage:
         array = validate.array("image", image)
         if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 4):
             raise InputError(f"image must have shape (H, W) or (H, W, C) with C from 1 to 4, got {array.shape}")
-        if not array.dtype.isnative:
-            array = array.astype(array.dtype.newbyteorder("="))
         if array.dtype not in (np.uint8, np.uint16) and not np.issubdtype(array.dtype, np.floating):
             raise InputError(f"image must be uint8, uint16 or float, got {array.dtype}")
         if validate.is_auto(transfer):
@@ -95,14 +93,11 @@ class EncodedImage:
 
     def grey(self, rows: slice) -> NDArray[np.float32]:
         """Return the mean linear light of the channels of `rows`, without alpha; errors as :meth:`linear`."""
-        height, width, channels = self.shape
+        height, _, channels = self.shape
         rows = slice(*rows.indices(height)[:2])
-        light = np.empty((rows.stop - rows.start, width), dtype=np.float32)
+        # np.mean over three values takes thirty times as long.
         weights = np.full(channels, 1 / channels, dtype=np.float32)
-        for here, there in blocks(rows):
-            # np.mean over three values takes thirty times as long.
-            np.matmul(self.linear(there), weights, out=light[here])
-        return light
+        return np.concatenate([self.linear(there) @ weights for _, there in blocks(rows)])
 
     def encode(self, light: NDArray[np.float32], rows: slice, out: NDArray[Any], *, threads: int | None = None) -> None:
         """Encode `light` into `rows` of `out`, which is upright like the picture, and copy alpha.
@@ -138,21 +133,11 @@ def result_like(
     has integers where most values of the picture are floats beyond 1, which would all become white.
     """
     image = np.asarray(image)
-    shape = image.shape
-    if out is None:
-        out = np.empty(shape, dtype=np.float32)
-    elif not validate.is_plain(out) or out.shape != shape or out.dtype not in (np.float32, np.uint8, np.uint16):
-        got = f"{out.dtype} of shape {out.shape}" if validate.is_plain(out) else type(out).__name__
-        raise InputError(f"out must be a float32, uint8 or uint16 array of shape {shape}, got {got}")
-    elif not out.flags.writeable:
-        raise InputError("out must be writable")
-    elif np.may_share_memory(out, image):
+    out = validate.output(out, image.shape, (np.float32, np.uint8, np.uint16))
+    if np.may_share_memory(out, image):
         raise InputError("out must not overlap image")
-    elif out.dtype.kind == "u" and validate.mostly_beyond_white(image):
-        raise InputError(
-            f"image has values of up to {image.max():g}, most of them beyond 1, which is white and the most that out's "
-            f"{out.dtype} can hold: divide image by its full scale, or use out of float32"
-        )
+    if out.dtype.kind == "u":
+        validate.not_beyond_white(image, "use out of float32")
     channelled = out if out.ndim == 3 else out[:, :, None]
     return out, frame.image(channelled) if frame else channelled
 
@@ -214,23 +199,20 @@ def warn_of_encoded_floats(array: NDArray[Any]) -> None:
     with np.errstate(invalid="ignore"):  # NaN: refused later
         steps = 255 * rows.clip(0, 1).astype(np.float64)
     # Larger numbers than those of 16 bits are no encoded values, and floats of any kind beyond 2^24 are whole.
-    if 1 < rows.max() <= np.iinfo(np.uint16).max and (rows == np.round(rows)).all():
-        found = f"whole numbers like encoded values, of up to {rows.max():g}"
-        remedy = "convert it to uint8 or uint16, or divide it by its full scale and set transfer"
-    elif (
+    is_whole = 1 < rows.max() <= np.iinfo(np.uint16).max and (rows == np.round(rows)).all()
+    is_fraction = (
         (rows.min() >= 0 and rows.max() <= 1)
         and (np.abs(steps - np.rint(steps)) <= 255 * np.finfo(rows.dtype).eps).all()
         and len(np.setdiff1d(np.rint(steps), [0, 255])) >= LEAST_LEVELS
-    ):
-        found = "multiples of 1/255 like the encoded values of 8 bits"
-        remedy = 'set transfer="srgb", or transfer="linear" if they are light'
-    else:
-        return
-    warnings.warn(
-        f"the picture has floats, which mean linear light, but they are {found}: {remedy}",
-        RsdeblurWarning,
-        stacklevel=3,
     )
+    if is_whole or is_fraction:
+        warnings.warn(
+            "the picture has floats, which mean linear light, but they are whole numbers or multiples of 1/255 like "
+            'encoded values: convert it to uint8 or uint16, or set transfer="srgb", or transfer="linear" if they are '
+            "light",
+            RsdeblurWarning,
+            stacklevel=3,
+        )
 
 
 @lru_cache(maxsize=8)
@@ -293,18 +275,10 @@ class ReadoutFrame:
         return self.stored.turned() if self.quarter else self.stored
 
     def capture(
-        self,
-        log: GyroLog,
-        exposure: Exposure,
-        translation: Translation | None = None,
-        *,
-        motion: Motion = "rotation",
-        softness: float = 0.0,
+        self, log: GyroLog, exposure: Exposure, translation: Translation | None = None, **options: Any
     ) -> Capture:
         """Return the capture of the upright camera; parameters and errors are those of `Capture.from_log`."""
-        return Capture.from_log(
-            log, self.camera, exposure, self.translation(translation), motion=motion, softness=softness
-        )
+        return Capture.from_log(log, self.camera, exposure, self.translation(translation), **options)
 
     def translation(self, stored: Translation | None) -> Translation | None:
         """Return a translation of the stored camera as one of the upright camera."""

@@ -210,8 +210,7 @@ class _Box:
 
     def blur(self, threads: int) -> TileBlur:
         """Return the planned blur in the box, with kernels on pixels, which unlike paths are never negative."""
-        cut = self.bank.cut(self.rows, self.cols)
-        bank = PsfBank(cut.kernels, cut.rows - self.rows.start, cut.cols - self.cols.start)
+        bank = replace(self.bank.cut(self.rows, self.cols), displacements=None, softness=0.0)
         return TileBlur(bank, (*self.shape, self.encoded.shape[2]), threads=threads)
 
 

@@ -9,6 +9,9 @@ A clipped pixel recorded less than the light that reached it, and each channel c
 for an edge of the scene, another one in each channel, and leaves dark and coloured lines beside it. The colours that
 the photo itself has there limit those of the result. Its darkness limits that of the result loosely, because blur
 lowers the contrast of small things, such as letters on white paper.
+
+These limits hold for square roots of linear light, which are about as even to the eye as encoded values. The *luma* of
+a pixel is the mean of its channels there, its *chroma* is what each channel has more than that.
 """
 
 from __future__ import annotations
@@ -19,9 +22,8 @@ from scipy import ndimage
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share, share_blocks, share_map
-from rsdeblur.image.encoded import ROWS, EncodedImage
+from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import full_scale
-from rsdeblur.kernels.mend import Between, depths, extremes, fade_to, limit
 from rsdeblur.types import Float32Array, FloatArray, FloatImage
 
 # Standard deviation of the Gaussian that the weight of the blurred picture is smooth by, in lengths of the PSF, and at
@@ -31,8 +33,6 @@ SPREAD, LEAST_SPREAD = 0.15, 1.5
 # picture's bright parts that is added to the recorded light, so that noise in black places is no evidence; and the
 # weight that counts as 0.
 MOST, DARK, LEAST = 1 / 8, 0.01, 0.02
-# Equal parts of the picture along the readout that are measured by themselves.
-PARTS = 6
 # Side of the window around a pixel that the photo's range is taken over, in lengths of the PSF: light of the pixel went
 # half a PSF far, and as far again reaches what came from there.
 WINDOW = 1.5
@@ -43,6 +43,11 @@ DARKER, MORE_COLOURED, LEAST_BEYOND = 1.0, 0.1, 1 / 255
 WHITE = 0.978
 # Cells in the length of a PSF, the least size of a cell in px, and the number of cells over which the limits set in.
 CELLS, LEAST_CELL, FADE = 8, 8, 3
+# Rows and columns that are mended at a time, so that all arrays fit into a second-level cache.
+BLOCK = 128, 128
+
+# Indices (n,) of the cells before and after each of n pixels, and how near each is to the latter, from 0 to 1.
+Between = tuple[NDArray[np.intp], NDArray[np.intp], Float32Array]
 
 
 def fade_undershoot(
@@ -65,24 +70,28 @@ def fade_undershoot(
     if not below.any():
         return
     height, width, channels = sharp.shape
-    cells = encoded.values[first : first + height : step, ::step, :channels]
-    recorded = EncodedImage(cells, encoded.transfer).grey(slice(None))
+    sample = encoded.values[first : first + height : step, ::step, :channels]
+    recorded = EncodedImage(sample, encoded.transfer).grey(slice(None))
     near, around = share_map(
         lambda light: ndimage.gaussian_filter(light, spread / step, mode="nearest"), [below, recorded], threads
     )
     peak = max(peak, 1e-9)  # not 0; dark pictures keep theirs, while priors have a larger least peak
-    weight = np.clip(near / (MOST * (np.maximum(around, 0.0) + DARK * peak)) - LEAST, 0.0, 1.0)
-    down, across = (_between(n, len_cells, step) for n, len_cells in zip((height, width), weight.shape, strict=True))
+    weight: Float32Array = np.clip(near / (MOST * (np.maximum(around, 0.0) + DARK * peak)) - LEAST, 0.0, 1.0)
+    down, pixels = (_between(n, cells, step) for n, cells in zip((height, width), weight.shape, strict=True))
+    left, right, far = pixels
+    across = np.repeat(left, channels), np.repeat(right, channels), np.repeat(far, channels)
 
-    def fade_tile(_: int, rows: slice, cols: slice) -> None:
-        (above, under, low), (left, right, far) = down, across
-        above, under, low, left, right, far = above[rows], under[rows], low[rows], left[cols], right[cols], far[cols]
-        if weight[above[0] : under[-1] + 1, left[0] : right[-1] + 1].any():
+    def fade_block(_: int, rows: slice, cols: slice) -> None:
+        places = _cut(down, rows), _cut(across, slice(cols.start * channels, cols.stop * channels))
+        if _near(weight, *places).any():
             values = encoded.values[first + rows.start : first + rows.stop, cols]
-            blurred = EncodedImage(values, encoded.transfer).linear(slice(None))
-            fade_to(sharp[rows, cols], blurred, weight, (above, under, low), (left, right, far))
+            light, change = sharp[rows, cols], EncodedImage(values, encoded.transfer).linear(slice(None))
+            with np.errstate(over="ignore", invalid="ignore"):  # a result that is not finite is refused later
+                change -= light
+                change *= _interpolated(weight, *places).reshape(change.shape)
+                light += change
 
-    share_blocks(fade_tile, (height, width), (128, 128), threads)
+    share_blocks(fade_block, (height, width), BLOCK, threads)
 
 
 def _between(n: int, cells: int, step: int) -> Between:
@@ -92,13 +101,41 @@ def _between(n: int, cells: int, step: int) -> Between:
     return before, np.minimum(before + 1, cells - 1), (place - before).astype(np.float32)
 
 
+def _cut(places: Between, part: slice) -> Between:
+    """Return the cells that some of the pixels lie between."""
+    before, after, nearness = places
+    return before[part], after[part], nearness[part]
+
+
+def _near(cells: Float32Array, down: Between, across: Between) -> Float32Array:
+    """Return those of the cells (..., M, N) that a block of pixels lies between."""
+    return cells[..., down[0][0] : down[1][-1] + 1, across[0][0] : across[1][-1] + 1]
+
+
+def _interpolated(cells: Float32Array, down: Between, across: Between) -> Float32Array:
+    """Return values (..., M, N) of cells interpolated bilinearly at a block of h x w pixels."""
+    (above, under, low), (left, right, far), near = down, across, _near(cells, down, across)
+    lines: Float32Array = near.take(left - left[0], axis=-1)
+    lines += far * (near.take(right - left[0], axis=-1) - lines)
+    values: Float32Array = lines.take(above - above[0], axis=-2)
+    values += low[:, None] * (lines.take(under - above[0], axis=-2) - values)
+    return values
+
+
 def _below_black(sharp: FloatImage, step: int, threads: int | None) -> NDArray[np.float32]:
     """Return the mean depth below zero, of the channel where it is largest, in cells of `step` x `step` px."""
     below = np.empty([-(-n // step) for n in sharp.shape[:2]], dtype=np.float32)
     rows = 16  # of cells, measured at a time
 
     def measure(_: int, top: int) -> None:
-        depths(sharp[top * step : (top + rows) * step], step, below[top : top + rows])
+        light, cells = sharp[top * step : (top + rows) * step], below[top : top + rows]
+        lowest = np.zeros(light.shape[:2], np.float32)
+        # Channel by channel: the minimum along so short an axis takes NumPy several times as long.
+        for channel in np.moveaxis(light, -1, 0):
+            np.minimum(lowest, channel, out=lowest)
+        tops, lefts = (step * np.arange(n) for n in cells.shape)
+        areas = np.multiply.outer(np.diff(tops, append=len(light)), np.diff(lefts, append=light.shape[1]))
+        cells[...] = -np.add.reduceat(np.add.reduceat(lowest, tops, axis=0), lefts, axis=1) / areas
 
     share(measure, range(0, len(below), rows), threads)
     return below
@@ -112,8 +149,7 @@ class UndershootMeter:
         self._step = int(np.clip(height // 64, 1, 8))
         # Not row 0, because the first row of the frame rings more than others.
         self._first = self._step // 2
-        self._part = np.arange(self._first, height, self._step) * PARTS // height
-        self._rows = np.zeros((4, len(self._part)))
+        self._rows = np.zeros((4, len(range(self._first, height, self._step))))
 
     def before(self, light: NDArray[np.float32], rows: slice) -> None:
         """Measure rows of the input."""
@@ -129,14 +165,10 @@ class UndershootMeter:
         first, stop = (-(-(row - self._first) // self._step) for row in (rows.start, rows.stop))
         return light[first * self._step + self._first - rows.start :: self._step], slice(first, stop)
 
-    def ringing(self) -> tuple[float, tuple[float, ...]]:
-        """Return the ringing of the whole picture and of each part."""
-        mean, square, before, after = self._rows
-        contrast = max(float(square.mean() - mean.mean() ** 2), 1e-12)
-        gained = (after - before) / contrast
-        parts = [gained[self._part == part] for part in range(PARTS)]
-        whole, *each = (np.sqrt(max(float(np.mean(part)), 0.0)) if part.size else 0.0 for part in (gained, *parts))
-        return float(whole), tuple(map(float, each))
+    def ringing(self) -> float:
+        """Return the ringing, see :class:`rsdeblur.estimate.QualityCheck`."""
+        mean, square, before, after = self._rows.mean(axis=1).tolist()
+        return float(np.sqrt(max((after - before) / max(square - mean**2, 1e-12), 0.0)))
 
 
 def _mean_square_below_black(light: NDArray[np.float32]) -> FloatArray:
@@ -157,7 +189,7 @@ def keep_colours_near_clipped(
     `sharp` (h, W, C) is linear light from the row `first` of the blurred picture on; `size` is that of the largest PSF,
     px.
     """
-    height, _, channels = sharp.shape
+    height, width, channels = sharp.shape
     values = encoded.values[first : first + height, :, :channels]
     white = full_scale(values)
     # A float picture that exceeds 1 was not clipped there.
@@ -184,10 +216,37 @@ def keep_colours_near_clipped(
     # Nothing says how bright clipped light was at most.
     most[..., 0] = validate.MOST_LIGHT
 
-    def limit_rows(_: int, top: int) -> None:
-        limit(sharp[top : top + ROWS], top, *step, near, least, most)
+    limits = np.ascontiguousarray(np.moveaxis(np.concatenate([least, most], axis=2), -1, 0))
+    down, across = (_between(*each) for each in zip((height, width), near.shape, step, strict=True))
 
-    share(limit_rows, range(0, height, ROWS), threads)
+    def limit_block(_: int, rows: slice, cols: slice) -> None:
+        places = _cut(down, rows), _cut(across, cols)
+        if _near(near, *places).any():
+            with np.errstate(over="ignore", invalid="ignore"):
+                _limit(sharp[rows, cols], _interpolated(near, *places), *np.split(_interpolated(limits, *places), 2))
+
+    share_blocks(limit_block, (height, width), BLOCK, threads)
+
+
+def _limit(light: FloatImage, weight: Float32Array, least: Float32Array, most: Float32Array) -> None:
+    """Limit luma and chroma of light (h, W, C) in place; pixels brighter than full scale stay.
+
+    The `weight` (h, W) is from 0, which changes nothing, to 1. `least` and `most` are limits (C + 1, h, W) of the luma
+    and of the C values of the chroma.
+    """
+    channels = np.ascontiguousarray(np.moveaxis(light, -1, 0))
+    parts = _parts(np.copysign(np.sqrt(np.abs(channels)), channels))
+    beyond = ((parts < least) | (parts > most)).any(axis=0) & (weight > 0) & (parts[0] <= 1)
+    y, x = np.nonzero(beyond)
+    bounded = parts[:, y, x].clip(least[:, y, x], most[:, y, x])
+    roots, here = bounded[0] + bounded[1:], channels[:, y, x]
+    light[y, x] = (here + weight[y, x] * (roots * np.abs(roots) - here)).T
+
+
+def _parts(roots: Float32Array) -> Float32Array:
+    """Return luma and chroma (C + 1, h, W) of square roots of light (C, h, W)."""
+    luma = roots.mean(axis=0, keepdims=True)
+    return np.concatenate([luma, roots - luma])
 
 
 def _clipped(photo: EncodedImage, white: float, step: tuple[int, int], threads: int | None) -> Float32Array:
@@ -215,7 +274,10 @@ def _extremes(
         changes = np.flatnonzero(np.diff(needed[n], prepend=False, append=False))
         for first, end in changes.reshape(-1, 2):
             cells = EncodedImage(rows[:, first * step[1] : end * step[1]], photo.transfer).linear(slice(None))
-            extremes(np.sqrt(np.maximum(cells, 0)), step[1], lowest[n, first:end], highest[n, first:end])
+            parts = _parts(np.sqrt(np.maximum(np.ascontiguousarray(np.moveaxis(cells, -1, 0)), 0)))
+            lefts = np.arange(0, parts.shape[2], step[1])
+            lowest[n, first:end] = np.minimum.reduceat(parts.min(axis=1), lefts, axis=1).T
+            highest[n, first:end] = np.maximum.reduceat(parts.max(axis=1), lefts, axis=1).T
 
     share(measure, range(len(needed)), threads)
     return lowest, highest

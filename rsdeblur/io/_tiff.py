@@ -18,7 +18,7 @@ from PIL import Image
 from PIL.ExifTags import Base
 
 from rsdeblur._util.binary import LONG, ORIENTATION, Tags, block_of, directory, tags_of
-from rsdeblur.io.metadata import C2PA, Picture
+from rsdeblur.io.metadata import Picture
 from rsdeblur.io.source import Refused
 
 # tifffile logs every oddity of a damaged file; the faults that matter are raised.
@@ -30,41 +30,18 @@ MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 DESCRIPTIVE = (270, 271, 272, ORIENTATION, 305, 306, 315, 316, 18246, 18249, 33432, *range(40091, 40096))
 
 
-def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
-    """Return the first page; raise ValueError unless its sizes are single numbers.
-
-    A damaged file may have a list there, which multiplied by another size would fill gigabytes.
-    """
-    page = file.pages.first
-    sizes = "imagewidth imagelength imagedepth samplesperpixel rowsperstrip tilewidth tilelength tiledepth"
-    for name in sizes.split():
-        if not isinstance(getattr(page, name), int):
-            raise ValueError(f"its {name} is not a number")
-    return page
-
-
 def decode(data: bytes, max_pixels: int) -> Picture:
     """Return the first page; the orientation tag is not applied."""
     with tifffile.TiffFile(BytesIO(data)) as file:
-        page = first_page(file)
-        # A TIFF may be compressed by anything, such as JPEG XL, which takes 2 s for twice as many pixels. Larger
-        # pictures must not have more pixels per byte than a plain one, as JPEG if their codec is as slow.
-        codec = tifffile.COMPRESSION(page.compression).name
-        per_byte = 100 if any(slow in codec for slow in ("JPEGXL", "JPEGXR", "2000")) else 1000
-        max_pixels = min(max_pixels, max(16_000_000, per_byte * len(data)))
-        # page.size counts the samples of all planes of a volume, up to four per pixel.
-        if max(page.imagewidth * page.imagelength, page.size // 4) > max_pixels:
+        page = file.pages.first
+        # page.size counts the samples of all planes of a volume, up to four per pixel, of up to 32 bits.
+        if max(page.imagewidth * page.imagelength, page.size // 4, page.nbytes // 16) > max_pixels:
             raise Refused(f"the picture claims {page.imagewidth}x{page.imagelength} pixels; the limit is {max_pixels}")
-        if page.nbytes > 16 * max_pixels:  # four samples of 32 bits
-            raise Refused(f"the picture claims {page.nbytes} bytes; the limit is {16 * max_pixels}")
-        if max(np.add(page.dataoffsets, page.databytecounts)) > len(data):
-            raise EOFError("the file ends within the samples")
-        if np.prod(page.chunked) > len(data):
-            raise ValueError(f"it claims {np.prod(page.chunked)} strips or tiles, more than the file has bytes")
         # Strips that share bytes would let a small file claim more pixels than its size makes credible.
-        if sum(page.databytecounts) > len(data):
-            raise ValueError("strips or tiles of the picture overlap in the file")
-        if _is_premultiplied(page):
+        claims = *np.add(page.dataoffsets, page.databytecounts), sum(page.databytecounts), np.prod(page.chunked)
+        if max(claims) > len(data):
+            raise EOFError("its strips or tiles take more bytes than the file has")
+        if tuple(page.extrasamples) == (tifffile.EXTRASAMPLE.ASSOCALPHA,):
             raise Refused("the colours of the TIFF are multiplied by its alpha; save it with plain alpha, or without")
         samples = page.asarray()
         pixels = _plain(page, np.moveaxis(samples, 0, -1) if page.axes.startswith("S") else samples)
@@ -74,11 +51,6 @@ def decode(data: bytes, max_pixels: int) -> Picture:
                 "supported; convert it to grey or RGB of 8 or 16 bits without sign, or float"
             )
         return of_page(page, np.ascontiguousarray(pixels), data)
-
-
-def _is_premultiplied(page: tifffile.TiffPage) -> bool:
-    """Whether the colours are multiplied by alpha."""
-    return tuple(page.extrasamples) == (tifffile.EXTRASAMPLE.ASSOCALPHA,)
 
 
 def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None:
@@ -114,8 +86,7 @@ def of_page(page: tifffile.TiffPage, pixels: NDArray[Any], data: bytes) -> Pictu
     if data[:4] not in MAGIC[2:]:  # offsets in EXIF blocks have 32 bits, those of BigTIFF 64
         tags = tags_of(data, DESCRIPTIVE)
     xmp, iptc = (_tag_bytes(page, tag) for tag in (Base.XMLPacket, Base.IPTCNAA))
-    losses = (C2PA,) if 0xCD41 in page.tags else ()
-    return Picture(pixels, block_of(tags) if tags else None, page.iccprofile, None, xmp, iptc, losses)
+    return Picture(pixels, block_of(tags) if tags else None, page.iccprofile, xmp, iptc)
 
 
 def _tag_bytes(page: tifffile.TiffPage, number: int) -> bytes | None:

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur.errors import InputError
+from rsdeblur._util.validate import MOST_SECONDS
 from rsdeblur.io.columns import TIME_UNITS, Cell, Columns, Quantity, chosen_columns, named_columns
 from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.metadata import Exif
 from rsdeblur.io.pictures import read_header
-from rsdeblur.io.source import Format, Source, choose, text_format
+from rsdeblur.io.source import Format, Source, choose, table_format
 from rsdeblur.io.text import Rows, Table, TextFile, cells_of, is_number, read_table
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.units import TIME_SPELLINGS, dated_unit
@@ -118,18 +118,11 @@ def _durations(text: TextFile, rows: Rows, columns: Columns, unit: str) -> dict[
     timed = [row for row in rows if cells_of(text.lines[row])[place:][:1] != ["null"]]
     if not timed:
         return {}
-    per_second = 1e9 / float(TIME_UNITS[unit])
-    values = read_table(text, timed, columns.places).values[:, 0] / per_second
-    for row, duration in zip(timed, values.tolist(), strict=True):
-        # The fastest electronic shutters of cameras take ten times as long.
-        if 0 < duration < 1e-6:
-            raise text.error(
-                f"an exposure time of {1e9 * duration:g} ns is shorter than that of any camera; write it in {unit}", row
-            )
-        try:
-            Exposure(0.0, duration)
-        except InputError as error:
-            raise text.error(f"impossible exposure time of {1e9 * duration:g} ns: {error}", row) from error
+    values = read_table(text, timed, columns.places).values[:, 0] / (1e9 / TIME_UNITS[unit])
+    # The fastest electronic shutters of cameras take ten times as long.
+    (bad,) = np.nonzero(~((values >= 1e-6) & (values < MOST_SECONDS)))
+    if bad.size:
+        raise text.error(f"impossible exposure time of {1e9 * values[bad[0]]:g} ns; is it in {unit}?", timed[bad[0]])
     return dict(zip(timed, values.tolist(), strict=True))
 
 
@@ -184,20 +177,13 @@ def _beside_pictures(text: TextFile) -> Columns | None:
     return Columns((0,), (Cell.of(re.split(r"[,;|\t]", above[-1])[0]).unit if above else None,))
 
 
-def _table(name: str, title: str, columns_of: Callable[[TextFile], Columns | None]) -> Format[CaptureFile]:
-    """Return the format of tables in which `columns_of` finds timestamps."""
-
-    def read(text: TextFile) -> CaptureFile:
-        columns = columns_of(text)
-        assert columns is not None  # or `sniff` refuses
-        return _read(name, text, columns)
-
-    return text_format(name, title, lambda text: columns_of(text) is not None, read)
-
-
 def _read_trailer(source: Source) -> CaptureFile:
     exposure = Exif(read_header(source.path)[2]).exposure
     return CaptureFile("gyrodata", [int(trailer_of(source)["capture_ns"])], [exposure])
+
+
+def _table(name: str, title: str, columns_of: Callable[[TextFile], Columns | None]) -> Format[CaptureFile]:
+    return table_format(name, title, columns_of, partial(_read, name))
 
 
 FORMATS: tuple[Format[CaptureFile], ...] = (
@@ -220,25 +206,17 @@ def clock_facts(source: Source) -> dict[str, Any] | None:
     match = CLOCK_SOURCE.search(source.head.decode("latin-1"))
     if match is None:
         return None
-    text, differences = source.text, list[int]()
-    for row in text.rows:
-        cells = cells_of(text.lines[row])
-        if len(cells) != 3 or not all(re.fullmatch(r"-?\d+", cell) for cell in cells):
-            raise text.error("expected three whole numbers of ns: both clocks and their difference", row)
-        boot, nano, difference = map(int, cells)
-        if abs(boot - nano) != abs(difference):
-            raise text.error(f"{difference} ns is not the difference of the clocks {boot} and {nano}", row)
-        differences.append(boot - nano)
-        # CLOCK_MONOTONIC and CLOCK_BOOTTIME differ by the time that a phone slept; the rest is a drift below 1 ms.
-        if abs(differences[-1] - differences[0]) > 1_000_000:
-            raise text.error(
-                "the clocks drift apart during the session: the phone slept, so no single offset fits", row
-            )
+    text = source.text
+    with source.parsing("both clocks and their difference in ns"):
+        clocks = [list(map(int, cells_of(text.lines[row]))) for row in text.rows]
+        differences = [boot - nano for boot, nano, _ in clocks]
+    # CLOCK_MONOTONIC and CLOCK_BOOTTIME differ by the time that a phone slept; the rest is a drift below 1 ms.
+    if max(differences) - min(differences) > 1_000_000:
+        raise source.error("the clocks drift apart during the session: the phone slept, so no single offset fits")
     # Camera time minus gyro time: 0 for one clock, else as if the camera's clock were `nanoTime()`.
     offset = 0.0 if match[1] == "REALTIME" else 0.0 - sum(differences) / len(differences) / 1e9
     return {
         "kind": "clocks of a session",
         "camera_clock": match[1],
-        "differences_ns": differences,
         "time_offset_s": offset,
     }

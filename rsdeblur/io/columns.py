@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from decimal import Decimal
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from rsdeblur.motion.units import (
 from rsdeblur.types import FloatArray
 
 # Nanoseconds in each unit of time that a log may use.
-TIME_UNITS = {"s": Decimal(10**9), "ms": Decimal(10**6), "us": Decimal(10**3), "ns": Decimal(1)}
+TIME_UNITS = {unit: round(1e9 * seconds) for unit, seconds in SECONDS.items()}
 
 # Names of columns, in lower case and reduced to letters. ROS stamps a message when the sensor measured, and again when
 # the recorder received it. Sensor Logger's second clock is for tables without another.
@@ -123,11 +122,6 @@ class Columns:
     def names(self) -> list[str]:
         """Names of all columns, reduced to letters; empty without a header."""
         return [Cell.of(cell).name for cell in cells_of(self.header)] if self.header else []
-
-    @property
-    def has_sensor(self) -> bool:
-        """Whether a column says whose sample a row is."""
-        return any(map(SENSOR.fullmatch, self.names))
 
     def option(self, quantity: Quantity, time_unit: str = "") -> str:
         """Return the option that chooses these columns, with a unit of time if one is given."""

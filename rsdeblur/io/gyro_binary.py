@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import struct
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
@@ -41,13 +40,7 @@ def trailer_of(source: Source) -> Any:
 
 def _read_trailer(source: Source) -> Samples:
     trailer = trailer_of(source)
-    total, oldest, room = int(trailer["total"]), int(trailer["oldest"]), len(trailer["ring"])
-    if not 0 < total <= room or oldest > total:
-        raise source.error(
-            f"the GYRODATA trailer is damaged: it claims {total} samples, the oldest at {oldest}, "
-            f"but has room for {room}"
-        )
-    ordered = np.roll(trailer["ring"][:total], -oldest)
+    ordered = np.roll(trailer["ring"][: trailer["total"]], -int(trailer["oldest"]))
     # Unused places of a ring that never filled up contain zeros.
     used = ordered[ordered["ns"] > 0]
     return Samples(
@@ -68,23 +61,6 @@ def is_video(source: Source) -> bool:
     return head[4:8] in (b"moov", b"mdat", b"wide", b"skip", b"free") or head[4:6] == b"RE"
 
 
-def _check_sample_sizes(source: Source) -> None:
-    """Refuse a video that claims larger samples than itself: decoders make room for a sample before they read it."""
-    data: Any = np.memmap(source.path, mode="r")
-    parts = [(0, len(data))]
-    while parts:
-        place, stop = parts.pop()
-        while place + 16 <= stop:
-            size, kind, long = struct.unpack_from(">I4sQ", data, place)
-            start, end = (place + 16, place + long) if size == 1 else (place + 8, place + size)
-            place = min(end, stop) if end >= start else stop
-            if kind in (b"moov", b"trak", b"mdia", b"minf", b"stbl"):
-                parts.append((start, place))
-            # Version; then the size of all samples or 0, their number, and the size of each.
-            elif kind == b"stsz" and (data[start : place - (place - start) % 4].view(">u4")[1:] > len(data)).any():
-                raise ValueError(f"it claims samples that are larger than its {len(data)} bytes")
-
-
 Blocks = list[Mapping[str, Any]]
 
 
@@ -95,7 +71,6 @@ def telemetry_of(source: Source) -> tuple[str, Blocks, Blocks]:
     except ModuleNotFoundError:
         raise source.error(missing("reading the gyro data of a video needs telemetry-parser", "telemetry")) from None
     try:
-        _check_sample_sizes(source)
         parser = telemetry_parser.Parser(str(source.path))
         blocks, samples = parser.telemetry(human_readable=False), parser.normalized_imu()
     except (OSError, ValueError, RuntimeError) as error:
@@ -111,20 +86,16 @@ def telemetry_of(source: Source) -> tuple[str, Blocks, Blocks]:
     return f"{parser.camera or 'camera'} {parser.model or ''}".strip(), blocks, samples
 
 
-def _exposures(camera: str, blocks: Blocks) -> list[float]:
+def frame_exposures(path: str | os.PathLike[str]) -> list[float]:
     """Return the exposure times of the frames of a video in s; none if they are missing or damaged."""
+    source = Source(path, "video")
+    camera, blocks, _ = telemetry_of(source) if is_video(source) else ("", [], [])
     exposures = [entry for block in blocks for entry in block.get("Exposure", {}).get("Data", [])]
     if camera.startswith("Insta360"):
         # Pairs, as KanDao's, whose unit nothing public documents. `t` counts from the first frame of the video; the
         # camera measures before it starts to record. `v` is in s.
         exposures = [entry["v"] for entry in exposures if entry["t"] is not None and entry["t"] >= 0]
     return exposures if all(isinstance(seconds, float) and 0 < seconds < np.inf for seconds in exposures) else []
-
-
-def frame_exposures(path: str | os.PathLike[str]) -> list[float]:
-    """Return the exposure time of each frame in the telemetry of a video, in s; none if it contains none."""
-    source = Source(path, "video")
-    return _exposures(*telemetry_of(source)[:2]) if is_video(source) else []
 
 
 def _read_video(source: Source, sensor: AnySensor) -> Samples:
@@ -168,12 +139,9 @@ def _facts(camera: str, blocks: Blocks) -> dict[str, Any]:
     for name, code, scale in (("readout_time_s", GOPRO_READOUT, 1e3), ("field_of_view_deg", GOPRO_VIEW, 1.0)):
         with contextlib.suppress(TypeError, ValueError, KeyError):
             facts[name] = float(first[code]) / scale
-    if exposures := _exposures(camera, blocks):
-        facts["exposures_s"] = [min(exposures), max(exposures)]
     if first.get(GOPRO_STABILISED) == "Y":
         facts["stabilised"] = first.get(GOPRO_STABILISER, "yes")
-    # telemetry-parser spaces the samples evenly, from zero at the first one; no frame is tied to that zero.
-    return facts | {"time_zero": "the first gyro sample, not the first frame"}
+    return facts
 
 
 def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:

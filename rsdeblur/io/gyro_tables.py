@@ -16,6 +16,7 @@ import numpy as np
 
 from rsdeblur.io.columns import (
     RATE,
+    SENSOR,
     TIME_UNITS,
     Columns,
     check_layout,
@@ -28,7 +29,7 @@ from rsdeblur.io.columns import (
     unit_of_time,
 )
 from rsdeblur.io.samples import ACCELEROMETER, GRAVITY, GYRO, AnySensor, Axes, Samples, table_samples
-from rsdeblur.io.source import Format, Source, text_format
+from rsdeblur.io.source import Format, Source, table_format, text_format
 from rsdeblur.io.text import TextFile, cells_of, is_number, read_table, separator_of
 from rsdeblur.motion.units import FASTEST, SLOWEST
 from rsdeblur.types import FloatArray
@@ -77,7 +78,6 @@ def _read(
         unit=unit,
         axes=axes,
         time_unit=time,
-        option=columns.option(sensor.quantity, "{}"),
         forces=read_table(text, lines, forces.places).values if forces and unit is None else None,
     )
 
@@ -98,14 +98,12 @@ def _table(
 ) -> Format[Samples]:
     """Return the format of the tables in which `columns_of` finds columns; see `_read`."""
 
-    def read(text: TextFile) -> Samples:
-        columns = columns_of(text)
-        assert columns is not None  # or `sniff` refuses
+    def read(text: TextFile, columns: Columns) -> Samples:
         forces = forces_of(text) if sensor is GYRO else None
         is_beside = forces is not None and set(columns.places[1:]).isdisjoint(forces.places[1:])
         return _read(text, columns, sensor, axes, unit, forces=forces if is_beside else None)
 
-    return text_format(name, title, lambda text: columns_of(text) is not None, read)
+    return table_format(name, title, columns_of, read)
 
 
 def columns_format(sensor: AnySensor, columns: str) -> Format[Samples]:
@@ -182,7 +180,7 @@ def _plain_columns(text: TextFile, sensor: AnySensor = GYRO) -> Columns | None:
         return named
     is_own = ("gyr" if sensor is GYRO else "acc") in text.path.stem.lower()
     bare = named_columns(text, sensor.quantity.bare)
-    if bare is not None and (any(bare.units[1:]) or bare.has_sensor or is_own):
+    if bare is not None and (any(bare.units[1:]) or any(map(SENSOR.fullmatch, bare.names)) or is_own):
         return bare
     for width in (4, 7):
         grid = layout_grid(text, width)

@@ -91,7 +91,6 @@ def _read_gcsv(text: TextFile, sensor: AnySensor) -> Samples:
     except InputError as error:
         raise text.error(str(error), row) from error
     values = {key: value for key, (value, _) in keys.items()}
-    named = ("version", "id", "vendor", "lensprofile")
     table = read_table(text, text.rows[columns.start :], columns.places)
     return table_samples(
         table,
@@ -101,7 +100,7 @@ def _read_gcsv(text: TextFile, sensor: AnySensor) -> Samples:
         scale=value_scale,
         unit=unit,
         turn=turn,
-        facts={"orientation": letters, **readout_of(values), **{key: values[key] for key in named if key in values}},
+        facts={"orientation": letters} | readout_of(values),
         cautions=[] if "orientation" in keys else [_without_orientation(letters)],
     )
 
@@ -157,17 +156,11 @@ def _read_project(source: Source) -> Samples:
             axes="gyroflow",
             turn=turn,
             time_unit="ms",
-            facts=_project_facts(project, metadata, letters or DEFAULT_ORIENTATION),
+            facts={"orientation": letters or DEFAULT_ORIENTATION}
+            | readout_of(metadata)
+            | readout_of(project.get("stabilization") or {}),
             cautions=cautions,
         )
-
-
-def _project_facts(project: dict[str, Any], metadata: Mapping[str, Any], letters: str) -> dict[str, Any]:
-    facts: dict[str, Any] = {"orientation": letters, "version": project.get("version", "none")}
-    facts |= readout_of(metadata) | readout_of(project.get("stabilization") or {})
-    if project.get("offsets"):
-        facts["offsets_ms"] = {f"{int(key) / 1e6:g} s": offset_ms(value) for key, value in project["offsets"].items()}
-    return facts
 
 
 def offset_ms(value: Any) -> float:
@@ -196,8 +189,7 @@ def _payload(source: Source, text: str) -> bytes:
     limit = unpacked_limit(len(text))
     data = unpack.decompress(base91_decode(text.encode("ascii")), limit)
     if not unpack.eof:
-        reason = f"unpack to more than {limit} bytes" if len(data) == limit else "are cut off"
-        raise source.error(f"the gyro data of the project {reason}; save the project again")
+        raise source.error(f"the gyro data of the project are cut off or unpack to more than {limit} bytes")
     return data
 
 
@@ -326,14 +318,13 @@ def _refuse_unmodelled(source: Source, profile: Mapping[str, Any]) -> None:
     model = profile.get("distortion_model") or "opencv_fisheye"
     if model not in ("opencv_fisheye", "opencv_standard") or profile.get("distortion_model_id") not in (None, 0):
         raise source.error(f"the lens model {model} (id {profile.get('distortion_model_id')}) is not supported")
-    if profile.get("digital_lens") or profile.get("is_superview"):
+    bent = profile.get("digital_lens") or ("SuperView" if profile.get("is_superview") else "")
+    stretches = [float(profile.get(f"input_{side}_stretch") or 1.0) for side in ("horizontal", "vertical")]
+    if bent or stretches != [1.0, 1.0]:
         raise source.error(
-            f"the camera bends the picture digitally ({profile.get('digital_lens') or 'SuperView'}), "
-            "which no lens model describes; record with a linear or wide setting"
+            f"the camera bends or stretches the picture ({bent or stretches}), which no lens model describes; record "
+            "with a linear or wide setting"
         )
-    for key in ("input_horizontal_stretch", "input_vertical_stretch"):
-        if float(profile.get(key) or 1.0) != 1.0:
-            raise source.error(f"the profile stretches the picture ({key} {profile[key]}), which is not supported")
 
 
 def _setting(source: Source, profile: Mapping[str, Any], request: Request) -> dict[str, Any]:

@@ -25,24 +25,16 @@ from rsdeblur.image.transfer import linear_profile
 from rsdeblur.motion.camera_values import focal35_px
 from rsdeblur.motion.gyro import GyroLog
 
-# Parts that belong to the original only, and bytes that show them in its file or XMP packet.
-C2PA = "the C2PA manifest, which is valid for the bytes of the original only"
-LOSSES = {
-    C2PA: (b"jumdc2pa",),
-    "the HDR gain map, which fits the blurred picture": (
-        *(b"hdrgm:", b"HDRGainMap:", b'"GainMap"', b">GainMap<", b"aux:hdrgainmap", b"\0\0tmap\0"),
-    ),
-    "the pictures behind the photo (MPF: gain map, preview, depth)": (b"MPF\0II*\0", b"MPF\0MM\0*"),
-    "the video of the motion photo": (b"MotionPhoto", b"MicroVideo"),
-    "the extended part of the XMP packet (depth map or original picture)": (b"http://ns.adobe.com/xmp/extension/\0",),
-}
-# Texts in XMP packets that describe other things that a result does not have: depth maps, sounds, thumbnails.
-OTHER_TEXTS = (b"/photos/1.0/", b"/photos/dd/1.0/device/", b"HasExtendedXMP", b"xmp:Thumbnails", b"dcterms:provenance")
-DESCRIBES = "the XMP packet, which describes parts of the original that the result does not have"
-# Blocks of metadata: the name for messages, and the length of the longest in a JPEG.
-BLOCKS = {"exif": ("the EXIF block", 65_533), "xmp": ("the XMP packet", 65_502), "iptc": ("the IPTC record", 65_500)}
+# Texts in XMP packets that describe what a result does not have: C2PA manifest, HDR gain map, motion photo, extended
+# packet, depth map, sounds, thumbnails.
+PARTS = (
+    *(b"hdrgm:", b"HDRGainMap:", b'"GainMap"', b">GainMap<", b"MotionPhoto", b"MicroVideo", b"HasExtendedXMP"),
+    *(b"/photos/1.0/", b"/photos/dd/1.0/device/", b"xmp:Thumbnails", b"dcterms:provenance"),
+)
+# Blocks of metadata, and the length of the longest in a JPEG.
+BLOCKS = {"exif": 65_533, "xmp": 65_502, "iptc": 65_500}
 
-MAKE, MODEL, ZOOM = Base.Make, Base.Model, Base.DigitalZoomRatio
+MAKE, MODEL = Base.Make, Base.Model
 # Time in EXIF minus the start of the exposure, s: cameras write the command, the end or the storing of the picture.
 # Some write whole seconds only, and the rest is missing.
 EXIF_ERROR, WHOLE_SECOND = (-1.0, 1.0), 1.0
@@ -61,62 +53,50 @@ class Picture:
         The EXIF block, from its ``Exif\0\0`` prefix on.
     icc_profile : bytes, optional
         The colour profile.
-    linear : bool, optional
-        Whether the values are proportional to light. By default true for floats and for pictures with the colour
-        profile that raw files get here.
     xmp : bytes, optional
         The XMP packet.
     iptc : bytes, optional
         The IPTC record.
-    losses : tuple of str, optional
-        Parts of the file that a copy cannot keep, in words, such as gain maps and C2PA manifests.
     """
 
     pixels: NDArray[Any]
     exif: bytes | None = None
     icc_profile: bytes | None = None
-    linear: bool | None = None
     xmp: bytes | None = None
     iptc: bytes | None = None
-    losses: tuple[str, ...] = ()
 
     @property
     def transfer(self) -> Literal["srgb", "linear"]:
-        """How the values encode light."""
-        linear = self.linear
-        if linear is None:
-            linear = self.pixels.dtype.kind == "f" or self.icc_profile == linear_profile()
-        return "linear" if linear else "srgb"
+        """How the values encode light: linearly if they are floats, or have the profile that raw files get here."""
+        return "linear" if self.pixels.dtype.kind == "f" or self.icc_profile == linear_profile() else "srgb"
 
 
-def of_info(info: Mapping[Any, Any], data: bytes, pixels: NDArray[Any], exif: bytes | None) -> Picture:
+def of_info(info: Mapping[Any, Any], pixels: NDArray[Any], exif: bytes | None) -> Picture:
     """Return the picture of a file, whose metadata are in `info` as Pillow names them."""
     xmp = info.get("xmp")
     xmp = xmp.encode() if isinstance(xmp, str) else xmp
     if exif and not exif.startswith(PREFIX):
         exif = PREFIX + exif
     profile, iptc = info.get("icc_profile"), info.get("photoshop", {}).get(0x0404)
-    return Picture(pixels, exif or None, profile, None, xmp or None, iptc or None, losses_of(data, xmp))
-
-
-def losses_of(data: bytes, xmp: bytes | None) -> tuple[str, ...]:
-    """Return the parts of a file that a copy cannot keep, in words."""
-    return tuple(text for text, marks in LOSSES.items() if any(mark in data or (xmp and mark in xmp) for mark in marks))
+    return Picture(pixels, exif or None, profile, xmp or None, iptc or None)
 
 
 def renewed(old: Picture, pixels: NDArray[Any], kind: str) -> Picture:
     """Return a result with the metadata of its original."""
-    losses = list(old.losses)
     icc = fitting_profile(old.icc_profile, pixels, grey=kind != "WebP")
-    new = replace(old, pixels=pixels, icc_profile=icc, exif=old.exif and without_thumbnail(old.exif))
-    if old.xmp and (losses_of(b"", old.xmp) or any(text in old.xmp for text in OTHER_TEXTS)):
-        new, losses = replace(new, xmp=None), [*losses, DESCRIBES]
-    for name, reason in _refused(new, kind).items():
-        without: dict[str, Any] = {name: None}
-        new, losses = replace(new, **without), [*losses, f"{BLOCKS[name][0]}, {reason}"]
+    blocks = {name: block for name in BLOCKS if (block := getattr(old, name))}
+    if "exif" in blocks:
+        blocks["exif"] = without_thumbnail(blocks["exif"])
+    losses = []
+    if any(part in blocks.get("xmp", b"") for part in PARTS):
+        losses.append("the XMP packet and what it describes: a gain map, video, depth map or manifest of the original")
+        del blocks["xmp"]
+    unfit = [name for name, block in blocks.items() if not _fits(name, block, kind)]
+    losses += [f"the {name.upper()} block, which is damaged or has no room in {kind} files" for name in unfit]
     if losses:
         warnings.warn(f"left out of the result: {'; '.join(losses)}", RsdeblurWarning, stacklevel=3)
-    return new
+    kept: dict[str, Any] = {name: None if name in unfit else blocks.get(name) for name in BLOCKS}
+    return replace(old, pixels=pixels, icc_profile=icc, **kept)
 
 
 def fitting_profile(icc: bytes | None, pixels: NDArray[Any], *, grey: bool = True) -> bytes | None:
@@ -125,22 +105,16 @@ def fitting_profile(icc: bytes | None, pixels: NDArray[Any], *, grey: bool = Tru
     return icc if icc and icc[16:20] == space else None
 
 
-def _refused(picture: Picture, kind: str) -> dict[str, str]:
-    """Return the blocks that a file cannot hold, with the reason."""
-    blocks = {name: block for name in BLOCKS if (block := getattr(picture, name))}
-    if kind == "NumPy":
-        return dict.fromkeys(blocks, "which NumPy files do not have")
-    if kind in ("PNG", "WebP") and "iptc" in blocks:
-        return {"iptc": f"which {kind} files do not have"}
-    if kind == "JPEG":
-        reason = "whose {} bytes are too many for JPEG"
-        return {name: reason.format(len(block)) for name, block in blocks.items() if len(block) > BLOCKS[name][1]}
-    if kind == "TIFF" and "exif" in blocks:
+def _fits(name: str, block: bytes, kind: str) -> bool:
+    """Whether a file of a kind can hold a block of metadata."""
+    if kind == "TIFF" and name == "exif":
         try:
-            tags_of(blocks["exif"])
-        except DAMAGE as error:
-            return {"exif": f"which is damaged: {error}"}
-    return {}
+            tags_of(block)
+        except DAMAGE:
+            return False
+    if kind == "JPEG":
+        return len(block) <= BLOCKS[name]
+    return kind != "NumPy" and not (name == "iptc" and kind in ("PNG", "WebP"))
 
 
 class Exif:
@@ -285,20 +259,10 @@ def with_orientation(exif: bytes | None, orientation: int) -> bytes:
 
 
 def without_thumbnail(exif: bytes) -> bytes:
-    """Return an EXIF block without the second directory and its thumbnail, which shows the blurred photo."""
+    """Return an EXIF block without the second directory, which contains a thumbnail of the blurred photo."""
     prefix, data = exif[: len(exif) - len(exif.removeprefix(PREFIX))], bytearray(exif.removeprefix(PREFIX))
-    try:
+    with suppress(*DAMAGE):
         main = Directory(data)
-        start = main.unpack("I", main.end) if len(data) >= main.end + 4 else 0
-        if not 0 < start < len(data) - 2:
-            return exif
-        second = Directory(data, start)
-        place = second.number(Base.JpegIFOffset)
-        if (length := min(second.number(Base.JpegIFByteCount), len(data) - place)) > 0:
-            if place <= main.end:
-                raise ValueError("the thumbnail claims the bytes of the first directory")
-            data[place : place + length] = bytes(length)
-        data[main.end : main.end + 4] = bytes(4)
-    except DAMAGE:
-        return exif
+        if 0 < main.unpack("I", main.end) < len(data):
+            data[main.end : main.end + 4] = bytes(4)
     return prefix + bytes(data)

@@ -11,7 +11,7 @@ from typing import Any
 
 import imagecodecs
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rsdeblur._util import validate
@@ -69,8 +69,8 @@ def write_picture(
     Warns
     -----
     RsdeblurWarning
-        If `like` has parts that the file does not keep: gain maps, motion photos, C2PA manifests, the XMP packets that
-        describe them, blocks too long for JPEG, and those that PNG, WebP, TIFF or NumPy files cannot hold.
+        If the file cannot hold a block of metadata of `like`, or a result does not have what its XMP packet describes:
+        gain maps, motion photos, depth maps, C2PA manifests.
 
     Examples
     --------
@@ -85,15 +85,12 @@ def write_picture(
         validate.instance("like", like, Picture)
     check_writable(path, force=force)
     kind = KINDS[path.suffix.lower()]
-    _check_image(image)
+    image = _checked(image)
     source = like.pixels if like is not None else image if image.dtype.kind == "u" else None
     depth = _depth(path, kind, source, bits)
     # Solvers overshoot white a little; values of another scale exceed it by far.
-    if depth < 32 and validate.mostly_beyond_white(image, 2.0):
-        raise InputError(
-            f"{path}: the picture has values of up to {image.max():g}, most of them beyond 1, which is white and the "
-            f"most that {depth} bits can hold: divide the picture by its full scale, or write floats (TIFF or .npy)"
-        )
+    if depth < 32:
+        validate.not_beyond_white(image, "write floats (TIFF or .npy)", 2.0)
     pixels = quantised(image, depth)
     if pixels.ndim == 3 and kind == "JPEG" and pixels.shape[2] in (2, 4):
         pixels = pixels[..., 0] if pixels.shape[2] == 2 else pixels[..., :3]
@@ -122,16 +119,16 @@ def check_kind(path: Path) -> None:
         raise OutputError(f"{path}: unknown picture extension {path.suffix!r}; use one of {', '.join(KINDS)}")
 
 
-def _check_image(image: NDArray[Any]) -> None:
-    if isinstance(image, np.ma.MaskedArray):
-        raise InputError("image must not be a masked array: choose values for masked elements with .filled()")
-    if not isinstance(image, np.ndarray) or not (image.dtype.kind == "f" or image.dtype in (np.uint8, np.uint16)):
-        kind = image.dtype if isinstance(image, np.ndarray) else type(image).__name__
-        raise InputError(f"image must be an array of float in [0, 1], uint8 or uint16, got {kind}")
-    if image.ndim not in (2, 3) or not image.size or (image.ndim == 3 and image.shape[2] not in (2, 3, 4)):
-        raise InputError(f"image must have shape (H, W) or (H, W, C) with C = 2, 3 or 4, got {image.shape}")
-    if image.dtype.kind == "f" and not np.isfinite(image).all():
-        raise InputError(f"image must be finite, got {np.count_nonzero(~np.isfinite(image))} NaN or infinite values")
+def _checked(image: ArrayLike) -> NDArray[Any]:
+    """Return a picture that can be written, as an array."""
+    array = validate.array("image", image)
+    if array.dtype.kind != "f" and array.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"image must be an array of float in [0, 1], uint8 or uint16, got {array.dtype}")
+    if array.ndim not in (2, 3) or not array.size or (array.ndim == 3 and array.shape[2] not in (2, 3, 4)):
+        raise InputError(f"image must have shape (H, W) or (H, W, C) with C = 2, 3 or 4, got {array.shape}")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise InputError(f"image must be finite, got {np.count_nonzero(~np.isfinite(array))} NaN or infinite values")
+    return array
 
 
 def _depth(path: Path, kind: str, source: NDArray[Any] | None, bits: int | None) -> int:

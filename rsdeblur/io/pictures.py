@@ -8,13 +8,9 @@ the result.
 from __future__ import annotations
 
 import os
-import re
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import imagecodecs
@@ -43,10 +39,6 @@ PIXELS_PER_BYTE = 1000
 
 PNG_MAGIC, NPY_MAGIC = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
 
-JPEG_START, END, SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
-# Inside coded samples, 0xFF is followed by 0 or by a restart marker (D0 to D7); these are not matched.
-MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
-
 
 def read_picture(path: str | os.PathLike[str]) -> Picture:
     """Read a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw file; the content decides the format.
@@ -70,8 +62,8 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
     ------
     FileFormatError
         If the file cannot be read, is empty, truncated, damaged or not a picture of these formats; if its extra is not
-        installed or the memory is too small; or if it has more than 500 megapixels, more than 64 megapixels (a TIFF:
-        16) at over 1000 pixels per byte, or samples other than 1 to 8 bit, 16 bit or float.
+        installed or the memory is too small; or if it has more than 500 megapixels, more than 64 megapixels at over
+        1000 pixels per byte, or samples other than 1 to 8 bit, 16 bit or float.
 
     Examples
     --------
@@ -86,32 +78,8 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
     data = read_file(path, "picture")
     if not data:
         raise FileFormatError(f"{path}: not a picture: the file is empty")
-    with _decoding(path):
-        picture = _decode(data, path.suffix)
-        icc = fitting_profile(picture.icc_profile, picture.pixels)
-        picture = replace(picture, icc_profile=icc)
-    if not picture.pixels.size:
-        raise FileFormatError(f"{path}: the picture has no pixels")
-    picture.pixels.setflags(write=False)
-    return picture
-
-
-def _of_npy(data: bytes) -> NDArray[Any]:
-    pixels = np.load(BytesIO(data), allow_pickle=False)
-    is_picture = pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] in (2, 3, 4))
-    if not is_picture or not pixels.size or pixels.dtype not in (np.uint8, np.uint16, np.float32):
-        raise Refused(
-            f"the array has shape {pixels.shape} and type {pixels.dtype}; a picture is not empty, and has shape (H, W) "
-            "or (H, W, C) with C = 2, 3 or 4 and type uint8, uint16 or float32"
-        )
-    return np.ascontiguousarray(pixels)
-
-
-@contextmanager
-def _decoding(path: Path) -> Iterator[None]:
-    """Turn the errors of decoders into errors that name the file."""
     try:
-        yield
+        picture = _decode(data, path.suffix)
     except UnidentifiedImageError:
         raise mistaken(Source(path, "picture")) or FileFormatError(
             f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture, or its header is damaged; convert other "
@@ -123,6 +91,21 @@ def _decoding(path: Path) -> Iterator[None]:
         raise FileFormatError(f"{path}: not enough memory for the picture, or its size is damaged") from error
     except DAMAGE as error:
         raise FileFormatError(f"{path}: the picture is truncated or damaged: {error}") from error
+    if not picture.pixels.size:
+        raise FileFormatError(f"{path}: the picture has no pixels")
+    picture.pixels.setflags(write=False)
+    return replace(picture, icc_profile=fitting_profile(picture.icc_profile, picture.pixels))
+
+
+def _of_npy(data: bytes) -> NDArray[Any]:
+    pixels = np.load(BytesIO(data), allow_pickle=False)
+    is_picture = pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] in (2, 3, 4))
+    if not is_picture or not pixels.size or pixels.dtype not in (np.uint8, np.uint16, np.float32):
+        raise Refused(
+            f"the array has shape {pixels.shape} and type {pixels.dtype}; a picture is not empty, and has shape (H, W) "
+            "or (H, W, C) with C = 2, 3 or 4 and type uint8, uint16 or float32"
+        )
+    return np.ascontiguousarray(pixels)
 
 
 def is_picture(source: Source) -> bool:
@@ -160,8 +143,6 @@ def _decode(data: bytes, suffix: str) -> Picture:
         return _tiff.decode(data, limit)
     if data.startswith(NPY_MAGIC):
         return Picture(_of_npy(data))
-    if data.startswith(JPEG_START):
-        check_scans(data)
     # Pillow warns of more than 179 megapixels, and refuses more than 358.
     with warnings.catch_warnings(action="ignore", category=Image.DecompressionBombWarning):
         image = Image.open(BytesIO(data), formats=("JPEG", "PNG", "WEBP"))
@@ -174,28 +155,7 @@ def _decode(data: bytes, suffix: str) -> Picture:
             pixels = imagecodecs.png_decode(data)
         else:
             pixels = np.array(_with_plain_mode(image))
-        return of_info(image.info, data, pixels, image.info.get("exif"))
-
-
-def check_scans(data: bytes) -> None:
-    """Refuse a JPEG with too many scans.
-
-    Encoders write about ten into a progressive picture. Each takes as long to decode as a whole picture, but its data
-    may be as short as fifty bytes. Allowed are twelve at any size, and up to 100 while the pixels of all scans are at
-    most 10^9, some 2 s.
-    """
-    # Start of frame, of any coding; after the segment's length and the precision it has height and width.
-    frames = [bytes((0xFF, kind)) for kind in range(0xC0, 0xD0) if kind not in (0xC4, 0xC8, 0xCC)]
-    place, scans, most = len(JPEG_START), 0, 100
-    while (marker := MARKER.search(data, place)) and marker[0] != END:
-        start = marker.end()
-        if marker[0] in frames:
-            height, width = (int.from_bytes(data[start + n : start + n + 2], "big") for n in (3, 5))
-            most = min(100, max(12, 10**9 // max(height * width, 1)))
-        scans += marker[0] == SCAN
-        if scans > most:
-            raise ValueError(f"the JPEG has more than {most} scans")
-        place = start + int.from_bytes(data[start : start + 2], "big")
+        return of_info(image.info, pixels, image.info.get("exif"))
 
 
 def _with_plain_mode(image: Image.Image) -> Image.Image:
@@ -212,10 +172,9 @@ def read_psfs(path: str | os.PathLike[str], shape: tuple[int, ...]) -> PsfBank:
             return PsfBank.load(path)
     stored, is_picture = _array_or_picture(path, "PSF")
     try:
-        values = validate.real_array("values", stored, most=validate.MOST_LIGHT)
+        values = validate.real_array("PSFs", stored, most=validate.MOST_LIGHT)
     except InputError as error:
-        kind = "the picture of a PSF" if is_picture else "an array of PSFs"
-        raise FileFormatError(f"{path}: not {kind}: {error}") from error
+        raise FileFormatError(f"{path}: {error}") from error
     if is_picture and values.ndim == 3:  # the mean of the colours, without alpha
         values = values[:, :, : values.shape[2] - (values.shape[2] in (2, 4))].mean(axis=2)
     if values.ndim not in (2, 4) or values.size == 0:
@@ -258,8 +217,6 @@ def read_depths(path: str | os.PathLike[str]) -> FloatArray:
     stored, _ = _array_or_picture(path, "depth map")
     if stored.dtype.kind not in "uif" or stored.dtype.itemsize < 2:
         raise FileFormatError(f"{path}: depths are floats in m or whole numbers of 16 bits in mm, found {stored.dtype}")
-    if stored.ndim == 3 and stored.shape[2] == 1:
-        stored = stored[:, :, 0]
     if stored.ndim != 2:
         raise FileFormatError(f"{path}: a map of depths has shape (R, C), found {stored.shape}")
     depths = stored.astype(np.float64) * (1.0 if stored.dtype.kind == "f" else 1e-3)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
-from rsdeblur.io.columns import ACCELERATION, RATE, TIME_UNITS, Quantity
+from rsdeblur.io.columns import ACCELERATION, RATE, Quantity
 from rsdeblur.io.text import INT64_LIMIT, Table, line_error
 from rsdeblur.motion.gyro import LARGEST, SUSPICIOUS_MEDIAN, SUSPICIOUS_PEAK, AccelerationLog, GyroLog
 from rsdeblur.motion.units import FASTEST, SLOWEST, saturated, shows_degrees
@@ -77,7 +77,6 @@ class Samples:
     facts: Mapping[str, Any] = field(default_factory=dict)  # other content of the file, for reports
     cautions: Sequence[str] = ()  # reasons to distrust the log; each becomes a warning
     forces: FloatArray | None = None  # accelerations beside the rates, in their axes and in any unit, shape (n, 3)
-    option: str = ""  # option that chooses the columns of a table, with `{}` for the unit of time
 
 
 @one_line()
@@ -125,13 +124,10 @@ def finish(
     sizes: FloatArray = sensor.units[likely] * np.sqrt(np.einsum("ij,ij->i", samples.values, samples.values))
     if not is_gyro:
         gravity = float(np.median(sizes))
-        units = {name: gravity / sensor.units[likely] * factor / GRAVITY for name, factor in sensor.units.items()}
-        fits = [name for name, share in units.items() if 0.5 < share < 1.5]
-        if likely not in fits:
+        if not 0.5 < gravity / GRAVITY < 1.5:
             raise error(
-                f"an accelerometer shows gravity, 9.8 m/s^2, but the median of these samples is {gravity:.3g} m/s^2 "
-                f"(read as {likely}); "
-                + (f"they look like {fits[0]}: give the unit" if fits else "is gravity already removed from them?")
+                f"an accelerometer shows gravity, 9.8 m/s^2, but the median of these samples is {gravity:.3g} m/s^2, "
+                f"read as {likely}; give their unit ({', '.join(sensor.units)}), or a log with gravity"
             )
     elif np.mean(np.abs(sizes - GRAVITY) < 0.5) > 0.9:
         raise error(
@@ -164,14 +160,9 @@ def finish(
 def _rate_cautions(samples: Samples, rate: float, error: Error) -> list[str]:
     """Return a caution about a slow gyro; raise `FileFormatError` for one that is faster than any, in Hz."""
     if rate > FASTEST:
-        advice = "check the unit of time"
-        if samples.option:
-            steps = rate * float(TIME_UNITS[samples.time_unit])  # ns between samples if a timestamp of 1 were 1 s
-            unit = next((unit for unit in ("us", "ms") if steps <= FASTEST * float(TIME_UNITS[unit])), "s")
-            advice = f"give the unit of time: {samples.option.format(unit)}"
         raise error(
             f"the timestamps in {samples.time_unit} mean a sampling rate of {rate:.3g} Hz, but no gyro is faster than "
-            f"10 kHz; {advice}"
+            "10 kHz; check the unit of time: --columns t=1:us,gx=2,gy=3,gz=4"
         )
     slow = f"the gyro was sampled at {rate:.3g} Hz; shake needs {SHAKE_RATE:g} Hz, so much of the motion is missing"
     return [slow] if rate < SHAKE_RATE else []
@@ -257,30 +248,20 @@ def _repaired(ns: NDArray[np.int64], samples: Samples) -> tuple[NDArray[np.int64
 
 def _late(ns: NDArray[np.int64], error_at: ErrorAt) -> int:
     """Return the number of samples that come after later ones, if they are few and each fills a hole in time."""
-    latest = np.maximum.accumulate(ns)
-    (late,) = np.nonzero(ns < latest)
-    i = int(late[0])
-    before = f"timestamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns"
-    # In floats, because differences of arbitrary timestamps may overflow.
-    interval = float(np.median(np.abs(np.diff(ns.astype(np.float64)))))
-    delay = float((latest[late].astype(np.float64) - ns[late]).max())
+    t = ns.astype(np.float64)  # differences of arbitrary timestamps may overflow
+    latest, ordered = np.maximum.accumulate(t), np.unique(t)
+    (late,) = np.nonzero(t < latest)
+    interval, steps = float(np.median(np.abs(np.diff(t)))), np.diff(ordered)
+    place = np.searchsorted(ordered, t[late])
+    nearest = np.minimum(steps[np.maximum(place - 1, 0)], steps[place])
     # Samples that come late by up to ten intervals, at most one in a hundred, are harmless delays. Anything else is
     # another recording or a broken clock, which sorting would hide.
-    if late.size > max(1, 0.01 * len(ns)) or delay > 10 * interval:
+    is_harmless = (latest[late] - t[late] <= 10 * interval) & (nearest >= 0.7 * interval)
+    if late.size > max(1, 0.01 * len(ns)) or not is_harmless.all():
+        i = int(late[np.argmin(is_harmless)])
         raise error_at(
-            f"{before}; the samples are too disordered to sort them safely; they may come from several recordings, or "
-            "from a clock that was set back",
+            f"timestamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns; the clock was set back, or the file "
+            "contains several recordings; cut the log there",
             i,
-        )
-    ordered = np.unique(ns)
-    # Ordered int64 differ by at most 2**64 - 1: unsigned, the difference cannot overflow.
-    steps = np.diff(ordered.view(np.uint64)).astype(np.float64)
-    place = np.searchsorted(ordered, ns[late])
-    (narrow,) = np.nonzero(np.minimum(steps[np.maximum(place - 1, 0)], steps[place]) < 0.7 * interval)
-    if narrow.size:
-        raise error_at(
-            f"timestamp out of order: {ns[late[narrow[0]]]} ns comes late, but no sample is missing at that time; the "
-            "clock was set back, or the file contains several recordings; cut the log there",
-            int(late[narrow[0]]),
         )
     return int(late.size)

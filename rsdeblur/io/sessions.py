@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import os
 import re
 import zipfile
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from time import mktime
 
 import numpy as np
 
-from rsdeblur._util.binary import DAMAGE
 from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import open_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.picture_output import KINDS
-from rsdeblur.io.source import unpacked_limit
+from rsdeblur.io.source import Source, entries_of
 
 PHOTOS = (*KINDS, ".heic", ".dng")
 UNNUMBERED = "its name contains neither a timestamp nor a frame number"
@@ -37,27 +34,15 @@ class SessionPhoto:
 def unpacked(archive: Path, folder: Path) -> Path:
     """Return the folder below `folder` into which the files of a session's zip archive were unpacked.
 
-    Files that are there already, with the size and the date of the archive's, stay as they are.
+    Files that are there already, with the size of the archive's, stay as they are.
     """
-    target = folder / archive.stem
-    try:
-        with zipfile.ZipFile(archive) as opened:
-            entries = [each for each in opened.infolist() if not each.is_dir() and "__MACOSX" not in each.filename]
-            size, limit = sum(each.file_size for each in entries), unpacked_limit(archive.stat().st_size)
-            if size > limit:
-                raise FileFormatError(
-                    f"{archive}: the archive claims to contain {size} bytes, the limit is {limit}; unpack it yourself"
-                )
-            for each in entries:
-                date = mktime((*each.date_time, 0, 0, -1))
-                place = target / each.filename
-                if not place.is_file() or (place.stat().st_size, place.stat().st_mtime) != (each.file_size, date):
-                    # Names that lead out of the folder are changed there.
-                    os.utime(opened.extract(each, target), (date, date))
-    except FileFormatError:
-        raise
-    except DAMAGE as error:
-        raise FileFormatError(f"{archive}: cannot be unpacked into {target}: {error}") from error
+    target, source = folder / archive.stem, Source(archive, "archive")
+    with source.parsing(f"unpacking it into {target}"), zipfile.ZipFile(archive) as opened:
+        entries = entries_of(source, opened)
+        for each in entries:
+            place = target / each.filename
+            if not place.is_file() or place.stat().st_size != each.file_size:
+                opened.extract(each, target)  # names that lead out of the folder are changed there
     tops = {Path(each.filename).parts[0] for each in entries}
     # Some archives contain a folder with all files.
     (top,) = tops if len(tops) == 1 else (".",)
@@ -159,19 +144,16 @@ def indices_of(
             return f"there is no frame {number}; the frames are {numbered_from} to {numbered_from + len(frames) - 1}"
         return frames[number - numbered_from]
 
-    times = {path: time_of(path) for path in photos}
-    known = {path: time for path, time in times.items() if isinstance(time, int)}
-    nearest = dict(zip(known, nearest_captures(timestamps, known.values()), strict=True))
-    origin = timestamps[0]
     # ns; 0.1 s where there is one capture only.
-    interval = float(np.median(np.diff([time - origin for time in timestamps]))) if len(timestamps) > 1 else 1e8
+    interval = float(np.median(np.diff([time - timestamps[0] for time in timestamps]))) if len(timestamps) > 1 else 1e8
     matched = []
-    for path, time in times.items():
-        if isinstance(time, str):
+    for path in photos:
+        if isinstance(time := time_of(path), str):
             matched.append(SessionPhoto(path, None, time))
+            continue
+        (nearest,) = nearest_captures(timestamps, [time])
+        distance = abs(time - timestamps[nearest])
         # MARS logger cuts timestamps to us.
-        elif (distance := abs(time - timestamps[nearest[path]])) > 0.5 * interval:
-            matched.append(SessionPhoto(path, None, f"the nearest capture is {1e-6 * distance:.1f} ms away"))
-        else:
-            matched.append(SessionPhoto(path, nearest[path]))
+        error = f"the nearest capture is {1e-6 * distance:.1f} ms away" if distance > 0.5 * interval else None
+        matched.append(SessionPhoto(path, None if error else nearest, error))
     return matched

@@ -9,14 +9,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 from rsdeblur._util import validate
 from rsdeblur._util.binary import DAMAGE
 from rsdeblur._util.files import checked_path, read_file
 from rsdeblur._util.threads import once
 from rsdeblur.errors import FileFormatError, InputError
-from rsdeblur.io.columns import RATE, Quantity, guessed_option, is_table, listed, named_columns
+from rsdeblur.io.columns import RATE, Columns, Quantity, guessed_option, is_table, listed, named_columns
 from rsdeblur.io.text import TextFile
 
 # Bytes that are enough to recognise any format by its start.
@@ -42,28 +42,16 @@ class Source:
         self.path, self.what, self._content = checked_path(path), what, content
         self.head = read_file(self.path, what, size=HEAD) if content is None else content[:HEAD]
 
-    @property
     @once
     def data(self) -> bytes:
         """The whole content."""
         return read_file(self.path, self.what) if self._content is None else self._content
 
-    @property
+    @once
     def text(self) -> TextFile:
         """The content as lines; raises `FileFormatError` if it is empty or not text."""
-        if isinstance(self._parsed, FileFormatError):
-            raise self._parsed
-        return self._parsed
-
-    @property
-    @once
-    def _parsed(self) -> TextFile | FileFormatError:
-        # An error is cached as well, because every format asks for the text.
-        try:
-            # A binary file, perhaps a video of gigabytes, is not read beyond its start.
-            return TextFile.parse(self.path, self.data if self.looks_like_text else self.head, self.what)
-        except FileFormatError as error:
-            return error
+        # A binary file, perhaps a video of gigabytes, is not read beyond its start.
+        return TextFile.parse(self.path, self.data if self.looks_like_text else self.head, self.what)
 
     @property
     def looks_like_text(self) -> bool:
@@ -75,7 +63,6 @@ class Source:
         """Whether the content may be JSON."""
         return self.head.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] in (b"{", b"[")
 
-    @property
     @once
     def json(self) -> Any:
         """The content as JSON; raises `FileFormatError` if it is not."""
@@ -126,9 +113,16 @@ class Format(Generic[T]):
             return False
 
 
-def text_format(name: str, title: str, sniff: Callable[[TextFile], bool], read: Callable[[TextFile], T]) -> Format[T]:
+def text_format(name: str, title: str, sniff: Callable[[TextFile], Any], read: Callable[[TextFile], T]) -> Format[T]:
     """Return a format whose files are lines of text."""
-    return Format(name, title, lambda source: sniff(source.text), lambda source: read(source.text))
+    return Format(name, title, lambda source: bool(sniff(source.text)), lambda source: read(source.text))
+
+
+def table_format(
+    name: str, title: str, columns_of: Callable[[TextFile], Columns | None], read: Callable[[TextFile, Columns], T]
+) -> Format[T]:
+    """Return a format of the tables in which `columns_of` finds columns."""
+    return text_format(name, title, columns_of, lambda text: read(text, cast("Columns", columns_of(text))))
 
 
 # What to do with a file of each kind, and its formats, the likeliest first; `rsdeblur.io` fills it.
@@ -183,44 +177,31 @@ def is_archive(source: Source) -> bool:
     return source.head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
 
 
+def entries_of(source: Source, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
+    """Return the files in an archive; refuse more than a `source` of its size may unpack to."""
+    entries = [each for each in archive.infolist() if not each.is_dir() and "__MACOSX" not in each.filename]
+    size, limit = sum(each.file_size for each in entries), unpacked_limit(source.path.stat().st_size)
+    if size > limit:
+        raise source.error(f"the archive claims to contain {size} bytes, the limit is {limit}; unpack it yourself")
+    return entries
+
+
 def members_of(source: Source, order: Callable[[str], Any]) -> list[Source]:
     """Return the text files of a zip archive, in the order of this key; any other file is returned alone."""
     if not is_archive(source):
         return [source]
-    try:
-        with zipfile.ZipFile(BytesIO(source.data)) as archive:
-            entries = [
-                entry
-                for entry in archive.infolist()
-                if entry.filename.lower().endswith((".csv", ".json", ".txt", ".gcsv", ".tsv"))
-                and "__MACOSX" not in entry.filename
-            ]
-            size, limit = sum(entry.file_size for entry in entries), unpacked_limit(len(source.data))
-            if size > limit:
-                raise source.error(
-                    f"the archive claims to contain {size} bytes of text, the limit is {limit}; "
-                    "extract it and give the gyro's file"
-                )
-            entries.sort(key=lambda entry: (order(entry.filename), entry.filename))
-            members = [_member(source, archive, entry) for entry in entries]
-    except FileFormatError:
-        raise
-    except DAMAGE as error:
-        raise source.error(f"the archive is damaged or encrypted: {error}") from error
+    with source.parsing("the archive"), zipfile.ZipFile(BytesIO(source.data)) as archive:
+        suffixes = (".csv", ".json", ".txt", ".gcsv", ".tsv")
+        entries = [each for each in entries_of(source, archive) if each.filename.lower().endswith(suffixes)]
+        entries.sort(key=lambda entry: (order(entry.filename), entry.filename))
+        # A damaged member may unpack to more than its entry claims; the rest is not read. Names are joined as text: an
+        # absolute one that is joined as a path would replace the archive's path.
+        members = [
+            Source(f"{source.path}/{entry.filename}", source.what, archive.open(entry).read(entry.file_size))
+            for entry in entries
+        ]
     if not members:
         # A spreadsheet is an archive, too.
         sheet = b"[Content_Types].xml" in source.head or b"mimetypeapplication/vnd.oasis" in source.head
         raise source.error("a spreadsheet; save it as CSV" if sheet else f"the archive contains no {source.what}")
     return members
-
-
-def _member(source: Source, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Source:
-    if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise source.error(
-            f"{entry.filename!r} is compressed by a method other than deflate; extract it and give the gyro's file"
-        )
-    with archive.open(entry) as file:
-        # A damaged member may unpack to more than its entry claims; the rest is not read.
-        content = file.read(entry.file_size)
-    # Joined as text: an absolute name that is joined as a path would replace the archive's path.
-    return Source(f"{source.path}/{entry.filename}", source.what, content)

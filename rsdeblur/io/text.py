@@ -114,7 +114,7 @@ class Table:
     values: FloatArray  # finite, shape (n, k)
     timestamp_cells: Callable[[], list[str]]  # returns the timestamps as they are written
 
-    def check_range(self, unit: Decimal) -> None:
+    def check_range(self, unit: Decimal | int) -> None:
         """Raise `FileFormatError` at the first timestamp that does not fit int64 nanoseconds; `unit` is in ns."""
         # A little inside the limit, because float timestamps are rounded.
         limit = float((INT64_LIMIT - 2048) / unit)
@@ -123,7 +123,7 @@ class Table:
             message = f"timestamp {self.timestamps[beyond[0]]} is beyond the int64 range of nanoseconds (292 years)"
             raise self.text.error(message, self.rows[beyond[0]])
 
-    def nanoseconds(self, unit: Decimal) -> NDArray[np.int64]:
+    def nanoseconds(self, unit: Decimal | int) -> NDArray[np.int64]:
         """Return the timestamps as whole nanoseconds, halves rounded to even; `unit` is the file's unit in ns."""
         self.check_range(unit)
         whole = self.timestamps.dtype == np.int64
@@ -172,7 +172,6 @@ def read_table(text: TextFile, rows: Rows | Sequence[int], columns: Sequence[int
     rows = np.asarray(rows, dtype=np.intp)
     if not len(rows):
         raise text.error("the file contains no samples")
-    _check_last(text, rows)
     separator = separator_of(text.lines[rows[0]])
 
     def cells(some: Rows, dtype: DTypeLike, places: Sequence[int] = columns) -> NDArray[Any]:
@@ -203,17 +202,6 @@ def read_table(text: TextFile, rows: Rows | Sequence[int], columns: Sequence[int
     return Table(
         text, rows, data["timestamp"].copy(), data["values"].copy(), lambda: cells(rows, str, columns[:1]).tolist()
     )
-
-
-def _check_last(text: TextFile, rows: Rows) -> None:
-    # A file that ends within its last number looks like a whole one without a final line break.
-    if len(rows) < 2 or rows[-1] < len(text.lines) - 1:
-        return
-    before, last = (len(cells_of(text.lines[row])) for row in rows[-2:])
-    if last < before:
-        raise text.error(
-            f"the last line is cut off: {last} of {before} columns; copy the file again or delete the line", rows[-1]
-        )
 
 
 def _bad_cell(text: TextFile, row: int, columns: Sequence[int]) -> FileFormatError | None:

@@ -18,7 +18,7 @@ from rsdeblur.io.columns import (
     unit_of_time,
 )
 from rsdeblur.io.samples import ordered, table_samples
-from rsdeblur.io.source import Format, Source, choose, text_format
+from rsdeblur.io.source import Source, choose, table_format
 from rsdeblur.io.text import TextFile, line_error, read_table
 from rsdeblur.motion.translation import Trajectory
 from rsdeblur.motion.units import LENGTH_SPELLINGS, dated_unit
@@ -72,8 +72,7 @@ def read_trajectory(path: str | os.PathLike[str], *, columns: str | None = None)
     return choose(FORMATS, source, quantity=POSE).read(source)
 
 
-def _read(text: TextFile, columns: Columns | None = None) -> Trajectory:
-    columns = columns or _columns(text)
+def _read(text: TextFile, columns: Columns) -> Trajectory:
     rows = text.rows[columns.start :]
     check_layout(text, rows, columns)
     table = read_table(text, rows, columns.places)
@@ -88,19 +87,10 @@ def _read(text: TextFile, columns: Columns | None = None) -> Trajectory:
         raise line_error(text.path, str(reason)) from reason
 
 
-def _columns(text: TextFile) -> Columns:
+def _columns(text: TextFile) -> Columns | None:
     """Return the columns of times and positions, and of quaternions if there are any."""
-    if (named := named_columns(text, POSE)) is not None:
-        return named
-    for count in (8, 4):
-        if layout_grid(text, count) is not None:
-            return Columns(tuple(range(count)))
-    raise text.error("no poses: expected `t tx ty tz qx qy qz qw`, or a header that names these columns", text.rows[0])
+    count = next((count for count in (8, 4) if layout_grid(text, count) is not None), 0)
+    return named_columns(text, POSE) or (Columns(tuple(range(count))) if count else None)
 
 
-FORMATS: tuple[Format[Trajectory], ...] = (
-    # Without columns, `_columns` raises `FileFormatError`, which means no.
-    text_format(
-        "poses", "`t tx ty tz qx qy qz qw`, `t x y z`, or a header of these", lambda text: bool(_columns(text)), _read
-    ),
-)
+FORMATS = (table_format("poses", "`t tx ty tz qx qy qz qw`, `t x y z`, or a header of these", _columns, _read),)

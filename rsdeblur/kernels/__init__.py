@@ -7,7 +7,9 @@ environment variable ``RSDEBLUR_PURE=1``, read when this package is imported, tu
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from types import ModuleType
+from typing import Any
 
 from rsdeblur._config import CEXT_ABSENT
 
@@ -22,6 +24,11 @@ def _load_native() -> tuple[ModuleType | None, str]:
     except ImportError as error:
         return None, f"built, but it cannot be loaded: {error}"
     return _cext, ""
+
+
+def unpacked(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a kernel of the C extension that takes a named tuple, instead of its arrays, and other arguments."""
+    return lambda arrays, *arguments: kernel(*arrays, *arguments)
 
 
 native, why_pure = _load_native()

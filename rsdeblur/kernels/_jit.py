@@ -10,21 +10,16 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._util.threads import held_at_forks
 from rsdeblur.errors import InputError
 
 try:
     import numba
-    from numba.core.compiler_lock import global_compiler_lock
     from numba.core.event import TimingListener, install_listener
 except ValueError as error:
     names = ", ".join(name for name in sorted(os.environ) if name.startswith("NUMBA_")) or "NUMBA_*"
     raise InputError(f"Numba cannot be loaded: {error} Correct or unset the environment variable {names}") from error
 
 Scalar = TypeVar("Scalar", bound=np.generic)
-
-# Numba takes it to compile a function, and to look for one that is compiled.
-held_at_forks(global_compiler_lock)
 
 
 class _ToleratedCache:

@@ -12,62 +12,31 @@ SMALL = 1e-8
 
 
 @njit(nogil=True)
-def _turn(omega0, omega1, h, turn):
-    """Fill `turn` with the rotation of a step `h`: `rotation_matrix(-magnus(...))` without temporaries."""
-    ax, ay, az = omega0[0], omega0[1], omega0[2]
-    bx, by, bz = omega1[0], omega1[1], omega1[2]
-    x = -(0.5 * h * (ax + bx) + h * h / 12.0 * (ay * bz - az * by))
-    y = -(0.5 * h * (ay + by) + h * h / 12.0 * (az * bx - ax * bz))
-    z = -(0.5 * h * (az + bz) + h * h / 12.0 * (ax * by - ay * bx))
-    squared = x * x + y * y + z * z
-    angle = np.sqrt(squared)
-    sine = np.sin(angle) / angle if angle > SMALL else 1.0
-    half = np.sin(0.5 * angle) / (0.5 * angle) if angle > SMALL else 1.0
-    bend = 0.5 * half * half
-    turn[0, 0], turn[1, 1] = 1.0 - bend * (squared - x * x), 1.0 - bend * (squared - y * y)
-    turn[2, 2] = 1.0 - bend * (squared - z * z)
-    turn[0, 1], turn[1, 0] = bend * x * y - sine * z, bend * x * y + sine * z
-    turn[0, 2], turn[2, 0] = bend * x * z + sine * y, bend * x * z - sine * y
-    turn[1, 2], turn[2, 1] = bend * y * z - sine * x, bend * y * z + sine * x
-
-
-@njit(nogil=True)
-def _product(a, b, out):
-    for row in range(3):
-        for column in range(3):
-            total = 0.0
-            for k in range(3):
-                total += a[row, k] * b[k, column]
-            out[row, column] = total
-
-
-@njit(nogil=True)
-def _orientations(times, t, omega, rotations, out):
-    last = len(t) - 2
-    turn, rate = np.empty((3, 3)), np.empty(3)
+def _orientations(times, before, t, omega, rotations, out):
+    """Turn the rotations of the samples `before` on to `times`: `rotation_matrix(-magnus(...))` without temporaries."""
     for n in range(len(times)):
-        # The last sample that is not later. A comparison with NaN is false, so that NaN finds the first one.
-        i, beyond = 0, last + 1
-        while beyond - i > 1:
-            middle = (i + beyond) // 2
-            if t[middle] <= times[n]:
-                i = middle
-            else:
-                beyond = middle
+        i = before[n]
         h = times[n] - t[i]
         share = h / (t[i + 1] - t[i])
-        for axis in range(3):
-            rate[axis] = omega[i, axis] + share * (omega[i + 1, axis] - omega[i, axis])
-        _turn(omega[i], rate, h, turn)
-        _product(turn, rotations[i], out[n])
-
-
-@njit(nogil=True)
-def _integrated(t, omega, out):
-    turn = np.empty((3, 3))
-    for n in range(len(t) - 1):
-        _turn(omega[n], omega[n + 1], t[n + 1] - t[n], turn)
-        _product(turn, out[n], out[n + 1])
+        ax, ay, az = omega[i, 0], omega[i, 1], omega[i, 2]
+        bx, by, bz = omega[i + 1, 0] - ax, omega[i + 1, 1] - ay, omega[i + 1, 2] - az
+        # The cross product of the rates at both ends is that of the first one and the change.
+        third = share * h * h / 12.0
+        x = -(h * (ax + 0.5 * share * bx) + third * (ay * bz - az * by))
+        y = -(h * (ay + 0.5 * share * by) + third * (az * bx - ax * bz))
+        z = -(h * (az + 0.5 * share * bz) + third * (ax * by - ay * bx))
+        squared = x * x + y * y + z * z
+        angle = np.sqrt(squared)
+        sine = np.sin(angle) / angle if angle > SMALL else 1.0
+        half = np.sin(0.5 * angle) / (0.5 * angle) if angle > SMALL else 1.0
+        bend = 0.5 * half * half
+        for column in range(3):
+            # Rodrigues' formula: v + sine (r x v) + bend (r x (r x v)), where r x (r x v) = r (r v) - |r|^2 v.
+            u, v, w = rotations[i, 0, column], rotations[i, 1, column], rotations[i, 2, column]
+            along, rest = bend * (x * u + y * v + z * w), 1.0 - bend * squared
+            out[n, 0, column] = rest * u + along * x + sine * (y * w - z * v)
+            out[n, 1, column] = rest * v + along * y + sine * (z * u - x * w)
+            out[n, 2, column] = rest * w + along * z + sine * (x * v - y * u)
 
 
 def orientations(times: FloatArray, t: FloatArray, omega: FloatArray, rotations: FloatArray) -> FloatArray:
@@ -77,7 +46,9 @@ def orientations(times: FloatArray, t: FloatArray, omega: FloatArray, rotations:
     after the last one, the track goes on as between the nearest two.
     """
     out = np.empty((times.size, 3, 3))
-    _orientations(*(read_only(array) for array in (times.ravel(), t, omega, rotations)), out)
+    # The last sample that is not later; NaN comes after all.
+    before = (np.searchsorted(t, times.ravel(), side="right") - 1).clip(0, len(t) - 2)
+    _orientations(*(read_only(array) for array in (times.ravel(), before, t, omega, rotations)), out)
     return out.reshape(*times.shape, 3, 3)
 
 
@@ -88,53 +59,49 @@ def integrated(t: FloatArray, omega: FloatArray) -> FloatArray:
     """
     out = np.empty((len(t), 3, 3))
     out[0] = np.eye(3)
-    _integrated(read_only(t), read_only(omega), out)
+    # Each row is read after it was filled.
+    _orientations(*(read_only(array) for array in (t[1:], np.arange(len(t) - 1), t, omega, out)), out[1:])
     return out
 
 
 @njit(nogil=True)
-def _component(low, high, share, n, x, y, z):
-    """Return one component of a direction, between those from two poses."""
-    before = low[n] * x + low[n + 1] * y + low[n + 2] * z + low[n + 3]
-    after = high[n] * x + high[n + 1] * y + high[n + 2] * z + high[n + 3]
-    return before + share * (after - before)
-
-
-@njit(nogil=True)
-def _direction(x, y, z, row, matrices):
+def _see(x, y, z, row, matrices, seen):
+    """Fill `seen` with the direction of a point from the pose of a row."""
     half, last = len(matrices) // 4, len(matrices) - 1
     # A comparison with NaN is false, so that NaN is taken for the first row.
     place = row + half if row + half > 0.0 else 0.0
     place = min(place, float(last))
     i = min(int(place), last - 1)
-    low, high, share = matrices[i], matrices[i + 1], place - i
-    across, down = _component(low, high, share, 0, x, y, z), _component(low, high, share, 4, x, y, z)
-    return across, down, _component(low, high, share, 8, x, y, z)
+    for k in range(3):
+        n, share = 4 * k, place - i
+        low = matrices[i, n] * x + matrices[i, n + 1] * y + matrices[i, n + 2] * z + matrices[i, n + 3]
+        high = matrices[i + 1, n] * x + matrices[i + 1, n + 1] * y + matrices[i + 1, n + 2] * z + matrices[i + 1, n + 3]
+        seen[k] = low + share * (high - low)
 
 
 @njit(nogil=True)
 def _row_directions(world, rows, matrices, out):
     for n in range(len(rows)):
-        x, y, z = _direction(world[n, 0], world[n, 1], world[n, 2], rows[n], matrices)
-        out[n, 0], out[n, 1], out[n, 2] = x, y, z
+        _see(world[n, 0], world[n, 1], world[n, 2], rows[n], matrices, out[n])
 
 
 @njit(nogil=True)
 def _pinhole_paths(orientation, position, scene, rows, cols, matrices, pinhole, steps, out):
     fx, fy, cx, cy = pinhole
+    seen = np.empty(3)
     for b in range(len(rows)):
         for t in range(orientation.shape[1]):
-            c, p = orientation[b, t], position[b, t]
             for s in range(len(cols)):
-                u, v, w = scene[b, s, 0], scene[b, s, 1], scene[b, s, 2]
-                across = c[0, 0] * u + c[1, 0] * v + c[2, 0] * w + p[0]
-                down = c[0, 1] * u + c[1, 1] * v + c[2, 1] * w + p[1]
-                ahead = c[0, 2] * u + c[1, 2] * v + c[2, 2] * w + p[2]
+                for k in range(3):
+                    seen[k] = position[b, t, k]
+                    for n in range(3):
+                        seen[k] += orientation[b, t, n, k] * scene[b, s, n]
+                u, v, w = seen[0], seen[1], seen[2]
                 x, y = cols[s], rows[b]
                 for _ in range(steps):
-                    dx, dy, dz = _direction(across, down, ahead, y, matrices)
-                    near = 1.0 / dz if dz > 0.0 else np.nan
-                    x, y = fx * (dx * near) + cx, fy * (dy * near) + cy
+                    _see(u, v, w, y, matrices, seen)
+                    near = 1.0 / seen[2] if seen[2] > 0.0 else np.nan
+                    x, y = fx * (seen[0] * near) + cx, fy * (seen[1] * near) + cy
                 out[b, s, t, 0], out[b, s, t, 1] = cols[s] - x, rows[b] - y
 
 

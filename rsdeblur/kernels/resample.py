@@ -135,9 +135,9 @@ def average_warps(
             with np.errstate(all="ignore"):
                 x, y, w = np.moveaxis(warp[:, :, 0] * columns + (warp[:, :, 1] * row + warp[:, :, 2]), 1, 0)
                 x, y = x / w, y / w
-            values = np.empty((*x.shape, channels), np.float32)
-            _sample(0, len(x), coefficients, x, y, values, per_pixel, (0,) * 4)
-            values.mean(axis=0, out=out[row])
+                values = np.empty((*x.shape, channels), np.float32)
+                _sample(0, len(x), coefficients, x, y, values, per_pixel, (0,) * 4)
+                values.mean(axis=0, out=out[row])
 
     share_range(average, len(out), threads)
     return out

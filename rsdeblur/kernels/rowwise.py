@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import solveh_banded
 
-from rsdeblur.kernels import native
+from rsdeblur.kernels import native, unpacked
 from rsdeblur.types import Float32Array, Int32Array
 
 # Frequencies per block: the widest SIMD vector has 16 floats, and so does a cache line.
@@ -143,24 +143,19 @@ def _store(lanes: Float32Array, lane: int, values: Any) -> None:
     lanes[:, :, 0, lane], lanes[:, :, 1, lane] = values.T.real, values.T.imag
 
 
-def _unpacked(kernel: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a kernel of the C extension that takes a model instead of the model's arrays."""
-    return lambda model, *arguments: kernel(*model, *arguments)
-
-
 def _missing(*arguments: Any) -> None:
     raise NotImplementedError("the C extension alone solves in two steps")
 
 
 workspace_size: Callable[[RowModel, Float32Array, int, bool], int]
-workspace_size = _unpacked(native.rowwise_workspace) if native else workspace_size_numpy
-forward: Callable[..., None] = _unpacked(native.rowwise_forward) if native else forward_numpy
-adjoint: Callable[..., None] = _unpacked(native.rowwise_adjoint) if native else adjoint_numpy
-solve: Callable[..., None] = _unpacked(native.rowwise_solve) if native else solve_numpy
+workspace_size = unpacked(native.rowwise_workspace) if native else workspace_size_numpy
+forward: Callable[..., None] = unpacked(native.rowwise_forward) if native else forward_numpy
+adjoint: Callable[..., None] = unpacked(native.rowwise_adjoint) if native else adjoint_numpy
+solve: Callable[..., None] = unpacked(native.rowwise_solve) if native else solve_numpy
 # Solving in two steps, of which several solves share the first, is a matter of speed: it has no twins. `assemble` fills
 # `normal`, floats of a size that `assembled_size` returns, with A^H A; `solve_assembled` takes it and a right-hand side
 # in `latent`.
 assembled_size: Callable[[RowModel, Float32Array, int], int]
-assembled_size = _unpacked(native.rowwise_assembled_size) if native else lambda *_: 0
-assemble: Callable[..., None] = _unpacked(native.rowwise_assemble) if native else _missing
-solve_assembled: Callable[..., None] = _unpacked(native.rowwise_solve_assembled) if native else _missing
+assembled_size = unpacked(native.rowwise_assembled_size) if native else lambda *_: 0
+assemble: Callable[..., None] = unpacked(native.rowwise_assemble) if native else _missing
+solve_assembled: Callable[..., None] = unpacked(native.rowwise_solve_assembled) if native else _missing

@@ -52,7 +52,7 @@ def to_srgb(light: Float32Array, dtype: np.dtype[Any] | type = np.float32) -> tu
     """
     powers = np.abs(light, out=np.empty_like(light))
     np.power(powers, np.float32(1 / GAMMA), out=powers)
-    is_float = np.dtype(dtype).kind == "f"
-    out = powers if is_float else np.empty(light.shape, dtype)
-    most = np.float32(0 if is_float else np.iinfo(dtype).max)
+    # Not in place: the compiler makes SIMD code where it reads and writes different memory.
+    out = np.empty(light.shape, dtype)
+    most = np.float32(0 if out.dtype.kind == "f" else np.iinfo(dtype).max)
     return out, _encode(light.reshape(-1), powers.reshape(-1), most, out.reshape(-1))

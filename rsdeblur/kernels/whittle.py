@@ -10,19 +10,22 @@ over the tile and `stiffness / 2` times the squared differences of their logarit
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share_range
-from rsdeblur.kernels._jit import njit, read_only
+from rsdeblur.kernels import native, unpacked
 from rsdeblur.types import ComplexArray, FloatArray
 
 # Newton steps for the gains of a tile, and the change of a logarithm that ends them.
 STEPS, SETTLED = 12, 0.02
 # Largest step of a gain's logarithm.
 LONGEST = 1.0
+# Tiles that NumPy fits together: fewer take as many calls, more leave the cache.
+TOGETHER = 40
 # A literal would turn terms of float32 into float64.
 HALF = np.float32(0.5)
 # Power of the Hann window's transform at a frequency and at either neighbour.
@@ -37,8 +40,8 @@ class Tiles(NamedTuple):
     power: NDArray[np.float32]  # periodograms (N, F)
     noise: NDArray[np.float32]  # power of the noise in them (N, F)
     expected: NDArray[np.float32]  # power of scene and blur at K places (K, F), positive
-    place: NDArray[np.intp]  # index of each tile's place (N,)
-    sectors: NDArray[np.intp]  # first frequency of each of D directions, and F, (D + 1,)
+    place: NDArray[np.integer]  # index of each tile's place (N,)
+    sectors: NDArray[np.integer]  # first frequency of each of D directions, and F, (D + 1,)
 
 
 def smoothed_power(spectra: ComplexArray) -> NDArray[np.float32]:
@@ -55,96 +58,76 @@ def smoothed_power(spectra: ComplexArray) -> NDArray[np.float32]:
     return smooth
 
 
-# Arrays are assigned by loops: with the error message of `out[:] = values`, Numba takes seconds more to compile.
+def fit_tiles_numpy(
+    tiles: Tiles,
+    starts: FloatArray,
+    levels: FloatArray,
+    stiffness: float,
+    nats: FloatArray,
+    gains: FloatArray,
+    chosen: FloatArray,
+    workspace: FloatArray,
+) -> None:
+    """Find the `nats` (N,) of tiles, the `gains` (N, D) and the `chosen` (N,) levels of noise, from M `levels`.
+
+    `starts` (N, M, 2) are logarithms: of the gain from which the search begins, in all directions, and of the least.
+    Indices in `tiles` are int32. `workspace` (3, D) is overwritten.
+    """
+    for first in range(0, len(nats), TOGETHER):
+        some = slice(first, first + TOGETHER)
+        part = tiles._replace(power=tiles.power[some], noise=tiles.noise[some], place=tiles.place[some])
+        fits = [_fit(part, starts[some, n], np.float32(level), stiffness) for n, level in enumerate(levels)]
+        best = np.argmin([each for each, _ in fits], axis=0)
+        chosen[some] = levels[best]
+        rows = np.arange(len(best))
+        nats[some], gains[some] = (np.stack(each)[best, rows] for each in zip(*fits, strict=True))
 
 
-@njit(nogil=True, error_model="numpy")
-def _ratios(power, noise, expected, gain, level, ratios):
-    """Compute what the nats are the logarithm of, at the frequencies of one direction."""
-    gain, level = np.float32(gain), np.float32(level)
-    for i in range(len(ratios)):
-        variance = gain * expected[i] + level * noise[i]
-        doubled = variance + HALF * power[i]
-        # Squares of faint light might be too small for float32.
-        ratios[i] = doubled / variance * (doubled / noise[i])
-
-
-@njit(nogil=True, error_model="numpy", fastmath={"reassoc"})  # sums in any order become SIMD code
-def _derivatives(power, noise, expected, gain, level):
-    """Return derivatives of the nats by the logarithm of the gain, over the frequencies of one direction."""
-    gain, level = np.float32(gain), np.float32(level)
-    first = second = np.float32(0.0)
-    for i in range(len(power)):
-        signal = gain * expected[i]
-        variance = signal + level * noise[i]
-        doubled = variance + HALF * power[i]
-        # Two divisions: the product of both divisors might be too small for float32.
-        share = signal / variance
-        first += share * ((variance - HALF * power[i]) / doubled)
-        second += HALF * share * share
-    return first, second
-
-
-@njit(nogil=True, error_model="numpy")
-def _newton(tile, start, faintest, level, stiffness, logs, steps):
-    """Find the logarithms of a tile's gains, from one for all of them on; return their differences' share of nats."""
-    power, noise, expected, sectors = tile
-    slopes, bends = steps
-    count, mean = len(logs), max(start, faintest)
-    for k in range(count):
-        logs[k] = mean
+def _fit(tiles: Tiles, starts: FloatArray, level: np.float32, stiffness: float) -> tuple[FloatArray, FloatArray]:
+    """Return the nats and the gains of tiles under one level of the noise."""
+    sizes = np.diff(tiles.sectors)
+    count, used = len(sizes), np.s_[:, tiles.sectors[0] : tiles.sectors[-1]]
+    # Products with a matrix repeat gains, and sum over directions, in less time than `repeat` and `reduceat`.
+    members = np.repeat(np.eye(count, dtype=np.float32), sizes, axis=1)
+    # Memory that is used again takes half the time of new arrays. All powers are relative to that of the noise.
+    floor = level * tiles.noise[used]
+    scene, half, share, surprise, variance = np.empty((5, *floor.shape), np.float32)
+    np.divide(tiles.expected[used][tiles.place], floor, out=scene)
+    np.divide(HALF * tiles.power[used], floor, out=half)
+    logs = np.repeat(starts.max(axis=1, keepdims=True), count, axis=1)
+    moving, mean = np.ones((len(logs), 1), bool), np.full((count, 1), 1 / count)
     for _ in range(STEPS):
-        ones, forces = 0.0, 0.0
-        for k in range(count):
-            a, b = sectors[k], sectors[k + 1]
-            first, second = _derivatives(power[a:b], noise[a:b], expected[a:b], np.exp(logs[k]), level)
-            slopes[k], bends[k] = stiffness * (logs[k] - mean) + first, stiffness + 1e-6 + second
-            ones += 1.0 / bends[k]
-            forces += slopes[k] / bends[k]
+        np.matmul(np.exp(logs).astype(np.float32), members, out=share)
+        share *= scene
+        np.add(share, 1, out=variance)
+        share /= variance
+        np.subtract(variance, half, out=surprise)
+        variance += half
+        surprise /= variance
+        surprise *= share
+        share *= share
+        slopes = stiffness * (logs - logs @ mean) + surprise @ members.T
+        bends = stiffness + 1e-6 + HALF * (share @ members.T)
         # The Hessian is diag(bends) - stiffness / count, which the Sherman-Morrison formula inverts.
-        common = stiffness / count * forces / max(1.0 - stiffness / count * ones, 1e-9)
-        longest, total = 0.0, 0.0
-        for k in range(count):
-            step = -(slopes[k] + common) / bends[k]
-            moved = max(logs[k] + min(max(step, -LONGEST), LONGEST), faintest)
-            longest = max(longest, abs(moved - logs[k]))
-            logs[k] = moved
-            total += moved
-        mean = total / count
-        if longest < SETTLED:
+        common = stiffness * (slopes / bends) @ mean / np.maximum(1 - stiffness * (1 / bends) @ mean, 1e-9)
+        steps = np.where(moving, (-(slopes + common) / bends).clip(-LONGEST, LONGEST), 0)
+        before, logs = logs, np.maximum(logs + steps, starts[:, 1:])
+        moving &= np.abs(logs - before).max(axis=1, keepdims=True) >= SETTLED
+        if not moving.any():
             break
-    apart = 0.0
-    for k in range(count):
-        apart += (logs[k] - mean) ** 2
-    return 0.5 * stiffness * apart
+    gains = np.exp(logs)
+    np.matmul(gains.astype(np.float32), members, out=share)
+    share *= scene
+    share += 1
+    doubled = np.add(share, half, out=half)
+    ratios = np.divide(doubled, share, out=share)
+    ratios *= doubled
+    ratios *= level
+    nats = np.log(ratios, out=ratios).sum(axis=1, dtype=np.float64)
+    return nats + 0.5 * stiffness * np.square(logs - logs @ mean).sum(axis=1), gains
 
 
-@njit(nogil=True, error_model="numpy")
-def _fit(first, stop, tiles, starts, levels, stiffness, nats, gains, chosen):
-    count = len(tiles.sectors) - 1
-    # Products of ratios need the range of float64.
-    logs, ratios, steps = np.empty(count), np.empty(tiles.power.shape[1]), (np.empty(count), np.empty(count))
-    for n in range(first, stop):
-        tile = tiles.power[n], tiles.noise[n], tiles.expected[tiles.place[n]], tiles.sectors
-        nats[n] = np.inf
-        for i in range(len(levels)):
-            level = levels[i]
-            total = _newton(tile, starts[0, i, n], starts[1, i, n], level, stiffness, logs, steps)
-            for k in range(count):
-                a, b = tiles.sectors[k], tiles.sectors[k + 1]
-                _ratios(tile[0][a:b], tile[1][a:b], tile[2][a:b], np.exp(logs[k]), level, ratios[a:b])
-                # One logarithm for several factors, which stay within the range of doubles.
-                product = 1.0
-                for j in range(a, b):
-                    product *= ratios[j]
-                    if not 1e-100 < product < 1e100:
-                        total += np.log(product)
-                        product = 1.0
-                total += np.log(product)
-            if total < nats[n]:
-                nats[n], chosen[n] = total, level
-                for k in range(count):
-                    gains[n, k] = np.exp(logs[k])
+fit_tiles: Callable[..., None] = unpacked(native.fit_tiles) if native else fit_tiles_numpy
 
 
 def fit_gains(
@@ -155,17 +138,28 @@ def fit_gains(
     `levels` are candidates for the level of the noise, positive. `stiffness`, not negative, weighs the differences of
     the gains' logarithms.
     """
-    count, sectors = len(tiles.power), tiles.sectors
+    power, noise, expected = (np.ascontiguousarray(each) for each in tiles[:3])
+    place, sectors = (each.astype(np.int32) for each in tiles[3:])
     inside = np.s_[:, sectors[0] : sectors[-1]]
-    power, noise, scene = (each[inside].sum(axis=1, dtype=np.float64) for each in tiles[:3])
-    least = FAINTEST * np.multiply.outer(levels, noise)
-    excess = np.maximum(power - np.multiply.outer(levels, noise), least)
+    light, floor, scene = (each[inside].sum(axis=1, dtype=np.float64) for each in (power, noise, expected))
+    floors = np.multiply.outer(floor, levels)
+    least = FAINTEST * floors
+    excess = np.maximum(light[:, None] - floors, least)
     # Strong edges dominate the mean, so the search begins below it.
-    starts = np.log(np.stack([excess / np.e, least]) / scene[tiles.place])
-    tiles = Tiles._make(read_only(each) for each in tiles)
-    nats, gains, chosen = np.empty(count), np.empty((count, len(sectors) - 1)), np.empty(count)
-    given = tiles, starts, levels, stiffness
-    share_range(lambda first, stop: _fit(first, stop, *given, nats, gains, chosen), count, threads)
+    starts = np.log(np.stack([excess / np.e, least], axis=-1) / scene[place, None, None])
+    count, directions = len(power), len(sectors) - 1
+    nats, gains, chosen = np.empty(count), np.empty((count, directions)), np.empty(count)
+
+    def fit(first: int, stop: int) -> None:
+        some = slice(first, stop)
+        part = Tiles(power[some], noise[some], expected, place[some], sectors)
+        fits = (each[some] for each in (nats, gains, chosen))
+        fit_tiles(part, starts[some], levels, stiffness, *fits, np.empty((3, directions)))
+
+    if native:
+        share_range(fit, count, threads)
+    else:  # NumPy takes longer for many small parts
+        fit(0, count)
     return nats, gains, chosen
 
 

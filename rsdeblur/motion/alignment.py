@@ -36,7 +36,7 @@ from rsdeblur.motion.paths import (
     shown_at,
     small_angle_displacements,
 )
-from rsdeblur.motion.track import MOST_RECORDED, OrientationTrack, check_samples
+from rsdeblur.motion.track import OrientationTrack
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 
@@ -65,7 +65,7 @@ def burst_captures(
     spans = np.array([exposure.span(camera) for exposure in moved])
     opens, closes = float(spans.min()), float(spans.max())
     check_traceable(camera, translation)
-    track = OrientationTrack.from_log(log, camera, opens, closes, epoch, most=MOST_RECORDED)
+    track = OrientationTrack.from_log(log, camera, opens, closes, epoch)
     if translation is not None:
         translation = translation.covering(opens, closes, epoch)
     return [
@@ -78,7 +78,6 @@ def _during(track: OrientationTrack, opens: float, closes: float) -> Orientation
     """Return the part of a track from the last sample before a span to the first one after it."""
     first = max(int(np.searchsorted(track.t, opens, side="right")) - 1, 0)
     stop = min(int(np.searchsorted(track.t, closes)) + 1, len(track.t))
-    check_samples(stop - first, opens, closes)
     return OrientationTrack(track.t[first:stop], track.omega[first:stop], track.rotations[first:stop])
 
 

@@ -1,8 +1,8 @@
 """From orientation to blur: the path that each part of the picture traces while it is exposed.
 
 The blurred picture g is a mean over time of the latent picture u: `g(p) = mean_t u(q(t))`, where t runs over the
-exposure window of pixel p. With `geometry="keep"`, u is a sharp rolling-shutter picture, each row of which shows the
-scene at the mid-exposure of that row. Then q(t) is the position *in that picture* of the point that p sees at time t:
+exposure window of pixel p. The latent picture is a sharp rolling-shutter picture, each row of which shows the scene at
+the mid-exposure of that row. So q(t) is the position *in that picture* of the point that p sees at time t:
 
     q = K C(mid(q_y)) C(t)^T K^-1 p,
 
@@ -10,8 +10,7 @@ where K is the projection of the camera, with its lens distortion, and C(t) its 
 :class:`~rsdeblur.Translation`, `(P(t) - P(mid(q_y))) / Z` is added to the direction `C(t)^T K^-1 p`, for the position
 P(t) of the camera and the depth Z of the point (Sindelar and Sroubek 2013, eq. 3). The reference time depends on the
 row that q falls on: fixed-point iteration finds it in a few steps, because a picture moves by far less than a row while
-a row is read. With `geometry="rectify"`, u is the picture of a global shutter at the mid-exposure of the middle row,
-`q = K C(mid) C(t)^T K^-1 p`, and the paths contain the skew in addition to the blur.
+a row is read.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from numpy.typing import ArrayLike
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import once
-from rsdeblur.choices import GEOMETRIES, MOTIONS, Geometry, Motion
+from rsdeblur.choices import MOTIONS, Motion
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.poses import pinhole_paths, row_directions
 from rsdeblur.motion.arguments import check_recording, check_traceable
@@ -144,7 +143,6 @@ class Capture:
             translation = translation.covering(opens, closes, exposure.epoch_ns)
         return cls(track, camera, exposure, translation, motion, softness)
 
-    @property
     @once
     def probe(self) -> BlurPaths:
         """Few paths with few samples, spread over the whole picture: enough for the extent and change of all paths."""
@@ -159,7 +157,6 @@ class Capture:
         """Mean length of the paths over the whole picture, px."""
         return float(self.probe.lengths.mean())
 
-    @property
     @once
     def row_poses(self) -> FloatArray:
         """Poses C [I | -P] at the mid-exposures of the rows from -H/2 on (2 H, 12); paths may leave the picture."""
@@ -290,7 +287,6 @@ class BlurPaths:
         rows: ArrayLike,
         cols: ArrayLike,
         *,
-        geometry: Geometry = "keep",
         samples: int | Literal["auto"] = "auto",
     ) -> BlurPaths:
         """Return the paths of the pixels at `rows` x `cols`.
@@ -301,8 +297,6 @@ class BlurPaths:
             The exposure and the motion of the camera during it.
         rows, cols : array_like, shape (B,) and (S,)
             Grid in px.
-        geometry : {"keep", "rectify"}
-            Latent picture: rolling-shutter like the recorded one, or global-shutter at the middle row's mid-exposure.
         samples : int or "auto"
             Number of time samples, at least 2; "auto" takes at least 4 per pixel of the longest path and 2 per gyro
             interval.
@@ -317,7 +311,6 @@ class BlurPaths:
             If an argument is out of its range.
         """
         validate.instance("capture", capture, Capture)
-        validate.choice("geometry", geometry, GEOMETRIES)
         rows, cols = (validate.real_array(name, grid, (None,)) for name, grid in (("rows", rows), ("cols", cols)))
         if not (rows.size and cols.size):
             raise InputError(f"rows and cols must not be empty, got {rows.size} and {cols.size}")
@@ -326,26 +319,22 @@ class BlurPaths:
         if validate.is_auto(samples):
             # Two samples per gyro interval follow every bend of the track. Their paths' lengths give the final number.
             coarse = 2 * len(capture.track.t) + 1
-            traced = trace(capture, rows, cols, coarse, geometry)
+            traced = trace(capture, rows, cols, coarse)
             _check_finite(traced)
             samples = max(coarse, int(np.ceil(SAMPLES_PER_PIXEL * _lengths(traced).max())) + 1)
         samples = validate.count("samples", samples, minimum=2, maximum=MOST_POINTS)
         if (points := len(rows) * len(cols) * samples) > MOST_POINTS:
-            raise InputError(f"paths at {len(rows)} x {len(cols)} places have {points} points, more than {MOST_POINTS}")
+            raise InputError(
+                f"paths at {len(rows)} x {len(cols)} places have {points} points, more than {MOST_POINTS}; are the "
+                "duration of the exposure and the readout time in s?"
+            )
         if traced is None or traced.shape[2] != samples:
-            traced = trace(capture, rows, cols, samples, geometry)
+            traced = trace(capture, rows, cols, samples)
         traced.setflags(write=False)
         return cls(traced, rows, cols, capture.softness)
 
     @classmethod
-    def every_row(
-        cls,
-        capture: Capture,
-        cols: ArrayLike,
-        *,
-        geometry: Geometry = "keep",
-        within: slice = slice(None),
-    ) -> BlurPaths:
+    def every_row(cls, capture: Capture, cols: ArrayLike, *, within: slice = slice(None)) -> BlurPaths:
         """Return the paths of every row of the picture.
 
         Parameters
@@ -354,8 +343,6 @@ class BlurPaths:
             The exposure and the motion of the camera during it.
         cols : array_like, shape (S,)
             Columns in px.
-        geometry : {"keep", "rectify"}
-            Latent picture, see :meth:`from_capture`.
         within : slice, optional
             Only these rows.
 
@@ -378,33 +365,12 @@ class BlurPaths:
         points, pixels = len(rows) * len(cols) * samples, capture.camera.height * capture.camera.width
         validate.memory(f"paths of {points} points", 16 * points, pixels)
         parts = [
-            cls.from_capture(capture, part, cols, geometry=geometry, samples=samples)
+            cls.from_capture(capture, part, cols, samples=samples)
             for part in np.split(rows, range(ROWS_TOGETHER, len(rows), ROWS_TOGETHER))
         ]
         displacements = np.concatenate([part.displacements for part in parts])
         displacements.setflags(write=False)
         return cls(displacements, rows, parts[0].cols, capture.softness)
-
-    def largest_derivative(self, order: int, axis: int) -> float:
-        """Return the largest derivative of the path from row to row, or from column to column.
-
-        The difference of two paths is the largest distance between their points at equal fractions of the exposure.
-        Paths interpolated linearly between N equal parts of the picture err by about the second derivative over 8 N^2.
-
-        Parameters
-        ----------
-        order : int
-            1 for the change, 2 for the curvature.
-        axis : int
-            0 from row to row, 1 from column to column.
-
-        Returns
-        -------
-        float
-            In px per (squared) height or width of the evenly spaced grid.
-        """
-        differences = np.linalg.norm(np.diff(self.displacements, n=order, axis=axis), axis=-1)
-        return float(differences.max(initial=0.0)) * float(self.displacements.shape[axis] - 1) ** order
 
     @property
     def lengths(self) -> FloatArray:
@@ -452,15 +418,10 @@ def shown_at(capture: Capture, world: FloatArray, guess: FloatArray, steps: int)
     return pixels
 
 
-def _rotation_paths(
-    capture: Capture, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry
-) -> FloatArray:
+def _rotation_paths(capture: Capture, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
     camera, times = capture.camera, exposed_times(capture, rows, samples)
     points = np.stack(np.meshgrid(cols, rows), axis=-1)  # (B, S, 2), x before y
     scene, orientation, position = capture.points(points), capture.track.at(times), capture.position(times)
-    if geometry == "rectify":
-        world = np.einsum("btji,bsj->bsti", orientation, scene) + (position - capture.position(capture.middle))[:, None]
-        return points[:, :, None] - camera.project(world @ capture.track.at(capture.middle).T)
     # The reference orientation of the pixel's own row is nearly right.
     if camera.distortion_model == "none":
         pinhole = *camera.focal_length, *camera.principal_point
@@ -470,13 +431,10 @@ def _rotation_paths(
     return points[:, :, None] - shown_at(capture, world, points[:, :, None], FIXED_POINT_STEPS)
 
 
-def _small_angle_paths(
-    capture: Capture, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry
-) -> FloatArray:
-    reference = capture.mid(rows) if geometry == "keep" else np.repeat(capture.middle, len(rows))
+def _small_angle_paths(capture: Capture, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
     depth = capture.depth(np.stack(np.meshgrid(cols, rows), axis=-1))
     times = exposed_times(capture, rows, samples)[:, None]
-    return small_angle_displacements(capture, times, reference[:, None], depth)
+    return small_angle_displacements(capture, times, capture.mid(rows)[:, None], depth)
 
 
 def small_angle_displacements(

@@ -11,9 +11,8 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.types import FloatArray
 
-# Most samples during an exposure: 50 s at 200 Hz, 1.25 s at 8 kHz. Every path has two points for each of them. And most
-# samples of a recording of several exposures: 80 minutes at 200 Hz, 2 minutes at 8 kHz.
-MOST_SAMPLES, MOST_RECORDED = 10_000, 1_000_000
+# Most samples of a recording of one or several exposures: 80 minutes at 200 Hz, 2 minutes at 8 kHz.
+MOST_SAMPLES = 1_000_000
 
 
 @one_line()
@@ -30,16 +29,18 @@ class OrientationTrack:
     rotations: FloatArray  # (n, 3, 3), C(t[i]); the first is the identity
 
     @classmethod
-    def from_log(
-        cls, log: GyroLog, camera: Camera, t0: float, t1: float, epoch_ns: int, *, most: int = MOST_SAMPLES
-    ) -> OrientationTrack:
+    def from_log(cls, log: GyroLog, camera: Camera, t0: float, t1: float, epoch_ns: int) -> OrientationTrack:
         """Return the track from the last sample before `t0` to the first after `t1`, camera time, s after `epoch_ns`.
 
-        Raise `InputError` if there are more than `most` samples, and the errors of :meth:`GyroLog.covering`.
+        Raise `InputError` if there are more than `MOST_SAMPLES`, and the errors of :meth:`GyroLog.covering`.
         """
         # camera_time = gyro_time + time_offset
         log = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
-        check_samples(len(log), t0, t1, most)
+        if len(log) > MOST_SAMPLES:
+            raise InputError(
+                f"the span from {t0:g} s to {t1:g} s has {len(log)} gyro samples, more than {MOST_SAMPLES}; are the "
+                "duration of the exposure and the readout time in s?"
+            )
         return cls.integrated(log.t + camera.time_offset, log.omega @ camera.imu_to_camera.T)
 
     @classmethod
@@ -56,12 +57,3 @@ class OrientationTrack:
         from scipy.interpolate import make_interp_spline  # takes 0.3 s to import; only small angles need it
 
         return make_interp_spline(self.t, self.omega, k=1).antiderivative()(times)
-
-
-def check_samples(count: int, t0: float, t1: float, most: int = MOST_SAMPLES) -> None:
-    """Raise `InputError` if a span of time has more than `most` gyro samples."""
-    if count > most:
-        raise InputError(
-            f"the span from {t0:g} s to {t1:g} s has {count} gyro samples, more than {most}; are the duration of the "
-            "exposure and the readout time in s?"
-        )

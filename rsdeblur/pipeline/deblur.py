@@ -92,8 +92,7 @@ def deblur(
     prior : str or callable, optional
         Regularisation, by default that of `quality`; `rsdeblur.choices.PRIORS` lists all names. "wiener" is the Wiener
         filter; "gradient", "tv" and "hyper-laplacian" are penalties on derivatives (:mod:`rsdeblur.deconv.priors`);
-        "wavelet" are learned sums in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`); "cnn" is a small network
-        (:mod:`rsdeblur.deconv.cnn`). Any other denoiser is called as ``denoise(image, sigma)``
+        "cnn" is a small network (:mod:`rsdeblur.deconv.cnn`). Any other denoiser is called as ``denoise(image, sigma)``
         (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp and even areas free of
         noise; "wiener" takes about a fifth of their time. All but the linear ones, "wiener" and "gradient", fade
         towards the input where light would be below black (:mod:`rsdeblur.image.mending`), and keep to its colours
@@ -146,7 +145,7 @@ def deblur(
     check : bool, default True
         Assess the result without a reference.
     fallback : bool, default False
-        Blend the result towards the input if the check finds it bad; not with ``geometry="rectify"``.
+        Return the input if the check finds the result bad; not with ``geometry="rectify"``.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
     max_memory : int, optional

@@ -15,7 +15,7 @@ from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.image.encoded import EncodedImage, result_like
 from rsdeblur.image.highlights import full_scale
-from rsdeblur.image.transfer import check_transfer, from_linear, to_linear
+from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.pipeline.solver import PictureSolver, chroma_of
@@ -118,6 +118,18 @@ def deconvolve_with(
     if options.check:
         for remark in _remarks(encoded, bank, options):
             warnings.warn(remark, RsdeblurWarning, stacklevel=3)
+    return _solved(image, encoded, bank, options, out, clock)
+
+
+def _solved(
+    image: ArrayLike,
+    encoded: EncodedImage,
+    bank: PsfBank,
+    options: Options,
+    out: NDArray[Any] | None,
+    clock: StageClock,
+) -> DeblurResult:
+    """Remove the blur of PSFs, of which the outermost may lie outside the picture."""
     if bank.displacements is None:
         # Kernels, unlike paths, have no half size.
         options = replace(options, chroma="full")
@@ -155,13 +167,12 @@ def _remarks(encoded: EncodedImage, bank: PsfBank, options: Options) -> list[str
         ]
     if SIZES * max(bank.size) > min(rows.stop - rows.start, cols.stop - cols.start):
         return []
-    part = bank.cut(rows, cols)
-    part = PsfBank(part.kernels, part.rows - rows.start, part.cols - cols.start)
+    part = replace(bank.cut(rows, cols), displacements=None, softness=0.0)
     turned = replace(part, kernels=part.kernels[..., ::-1, ::-1])
     # One channel says as much as all.
     stored = encoded.values[rows, cols, channels // 2].astype(np.float32) / np.float32(full_scale(encoded.values))
     options = replace(options, quality="balanced", prior=None, weight="auto", nsr="auto", noise="auto")
-    options = replace(options, border="auto", max_memory=None, check=False, transfer=encoded.transfer)
+    options = replace(options, border="unknown", max_memory=None, transfer=encoded.transfer)
     other: Transfer = "srgb" if encoded.transfer == "linear" else "linear"
     own, remarks = _left(stored, part, options), list[str]()
     if own < LEAST:
@@ -190,7 +201,8 @@ def _left(stored: NDArray[np.float32], bank: PsfBank, options: Options) -> float
 
     Light below black, which only wrong PSFs and encodings need, has been removed from the result.
     """
-    sharp, transfer = deconvolve_with(options, stored, bank).image, check_transfer(options.transfer)
+    encoded = EncodedImage.of(stored, options.transfer)
+    sharp, transfer = _solved(stored, encoded, bank, options, None, StageClock()).image, encoded.transfer
     blurred = TileBlur(bank, sharp.shape, threads=options.threads).forward(to_linear(sharp, transfer))
     tall, wide = bank.size
     inner = np.s_[tall:-tall, wide:-wide]

@@ -15,8 +15,8 @@ from rsdeblur.deconv.rowwise import ASSEMBLED_BYTES, MOST_MARGIN
 from rsdeblur.deconv.wiener import LEAST_MARGIN, LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.rowwise import BLOCK
-from rsdeblur.pipeline.solver import Chunk, ChunkSolver, Strengths, chroma_of
-from rsdeblur.psf import PsfBank, affecting
+from rsdeblur.pipeline.solver import Chunk, PictureSolver, Strengths, chroma_of
+from rsdeblur.psf import affecting
 from rsdeblur.types import FloatArray
 
 # Rows read beyond those written, in heights K of the PSF. The Wiener filter's response decays over K / (2 pi
@@ -30,12 +30,12 @@ FIXED = 48 << 20
 LEAST_ROWS = 16
 
 
-def plan_chunks(solver: ChunkSolver, shape: tuple[int, int, int], max_memory: int | None) -> list[Chunk]:
+def plan_chunks(solver: PictureSolver, shape: tuple[int, int, int], max_memory: int | None) -> list[Chunk]:
     """Return the fewest chunks of a picture that need at most `max_memory` bytes each.
 
     If even the smallest chunks need more, raise `InputError`.
     """
-    height, bank, options = shape[0], solver.bank, solver.options
+    (height, width, _), bank, options = shape, solver.bank, solver.options
     if max_memory is None:
         whole = slice(0, height)
         return [Chunk(whole, whole, bank)]
@@ -47,8 +47,9 @@ def plan_chunks(solver: ChunkSolver, shape: tuple[int, int, int], max_memory: in
             # Merged in a chunk, tiles of the colours would lie elsewhere than in the next one.
             is_halved = options.mode_in_effect != "rowwise" and chroma_of(options, bank.size, shape) == "half"
             half = halved(bank, threads=options.threads) if is_halved else None
+            all_cols = slice(0, width)
             return [
-                Chunk(source, target, part_of(bank, source), None if half is None else part_of(half, _halved(source)))
+                Chunk(source, target, bank.cut(source, all_cols), half and half.cut(_halved(source), all_cols))
                 for source, target in parts
             ]
         if count == most:
@@ -60,13 +61,13 @@ def plan_chunks(solver: ChunkSolver, shape: tuple[int, int, int], max_memory: in
         count = min(most, count + 1 + count // 8)
 
 
-def least_memory(solver: ChunkSolver, shape: tuple[int, int, int]) -> int:
+def least_memory(solver: PictureSolver, shape: tuple[int, int, int]) -> int:
     """Return the bytes that the smallest chunks of a picture need."""
     parts = _parts(solver, shape[0], -(-shape[0] // LEAST_ROWS))
     return max(_bytes(solver, source, shape) for source, _ in parts)
 
 
-def _parts(solver: ChunkSolver, height: int, count: int) -> list[tuple[slice, slice]]:
+def _parts(solver: PictureSolver, height: int, count: int) -> list[tuple[slice, slice]]:
     """Return the rows that a number of equally tall chunks read, and those that they write."""
     reach = _reach(solver)
     edges = [height * i // count for i in range(count + 1)]
@@ -78,19 +79,12 @@ def _halved(rows: slice) -> slice:
     return slice(rows.start // 2, -(-rows.stop // 2))
 
 
-def part_of(bank: PsfBank, rows: slice) -> PsfBank:
-    """Return the PSFs that affect some rows, at places counted from the first of them."""
-    bands = affecting(bank.rows, rows)
-    paths = None if bank.displacements is None else bank.displacements[bands]
-    return PsfBank(bank.kernels[bands], bank.rows[bands] - rows.start, bank.cols, paths, bank.softness)
-
-
 def _margin(strengths: Strengths) -> float:
     """Return the margin of the tiles, in PSF sizes."""
     return decay_margin(strengths.nsr) if strengths.weight is None else LEAST_MARGIN
 
 
-def _reach(solver: ChunkSolver) -> int:
+def _reach(solver: PictureSolver) -> int:
     """Return the rows that a chunk reads beyond those that it writes."""
     bank, options, strengths = solver.bank, solver.options, solver.strengths
     tall, is_linear = bank.size[0], strengths.weight is None
@@ -103,7 +97,7 @@ def _reach(solver: ChunkSolver) -> int:
     return int(np.ceil(reach))
 
 
-def _bytes(solver: ChunkSolver, source: slice, shape: tuple[int, int, int]) -> int:
+def _bytes(solver: PictureSolver, source: slice, shape: tuple[int, int, int]) -> int:
     """Predict the bytes that solving the rows `source` of one or several frames takes."""
     bank, options, strengths, frames = solver.bank, solver.options, solver.strengths, solver.count
     rows, (_, width, channels) = source.stop - source.start, shape

@@ -153,7 +153,7 @@ class Options:
         choices=choices.SATURATIONS,
     )
     check: bool = _option(True)
-    fallback: bool = _option(False, SOLVER, "Blend the result towards the photo if the check finds it bad.")
+    fallback: bool = _option(False, SOLVER, "Keep the photo as it is if the check finds the result bad.")
     threads: int | None = _option(None, COMPUTING, "Number of threads.  [default: all cores]", kind="threads")
     max_memory: int | None = _option(
         None,
@@ -216,7 +216,7 @@ class Options:
             )
         if self.fallback and self.geometry == "rectify":
             raise InputError(
-                "fallback blends with the input, but the geometry rectify changes its shape; use the geometry keep",
+                "fallback returns the input, but the geometry rectify changes its shape; use the geometry keep",
                 "fallback",
             )
         whole = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -27,7 +28,7 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import PictureSolver, Strengths, chroma_of
-from rsdeblur.pipeline.steps import StageClock, blendable, derive_strengths, judged, solve_chunks, split_highlights
+from rsdeblur.pipeline.steps import StageClock, derive_strengths, judged, solve_chunks, split_highlights
 from rsdeblur.pipeline.tiles import tile_errors, tile_paths, with_mode
 from rsdeblur.psf import PsfBank, kernel_sheet
 from rsdeblur.types import FloatImage, Progress
@@ -186,16 +187,13 @@ class Plan:
         meter = UndershootMeter(encoded.shape[0])
         # What the check needs of the blurred picture is measured while other steps leave a processor free.
         weigh = partial(MotionEvidence.of, encoded, self.capture, threads=1)
-        with (
-            beside(weigh, threads if self.options.judges else 1) as evidence,
-            blendable(upright, encoded, self.options) as target,
-        ):
+        with beside(weigh, threads if self.options.judges else 1) as evidence:
             strengths, bank = self._prepared(split, clock, light)
             solver = PictureSolver(self.options, strengths, bank, self.capture)
             judging = meter if self.options.judges else None
-            coverage = solve_chunks(split, target, solver, clock, light=light, meter=judging, capture=self.capture)
+            coverage = solve_chunks(split, upright, solver, clock, light=light, meter=judging, capture=self.capture)
             del light
-            check = judged(encoded, target, evidence, meter, self.options, clock)
+            check = judged(encoded, upright, evidence, meter, self.options, clock)
         if check is not None and self.refinement is not None:
             check = doubted_by(self.refinement, check)
         bands, strips = bank.kernels.shape[:2]
@@ -331,3 +329,22 @@ def plan_for(
     options = replace(options, translation=found.translation, refine=False)
     planned = plan(found.log, found.camera, found.exposure, options)
     return replace(planned, refinement=found, spent=clock.timings)
+
+
+def refined_together(
+    images: Iterable[ArrayLike],
+    log: GyroLog,
+    camera: Camera,
+    exposures: Sequence[Exposure],
+    options: Options,
+    progress: Progress | None,
+) -> Refinement:
+    """Return the correction of the recording that some of its pictures share, as the options describe them."""
+    first, *_ = refine(
+        *(images, log, camera, exposures),
+        translation=options.translation,
+        transfer=options.transfer,
+        threads=options.threads,
+        progress=progress,
+    )
+    return first

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 from rsdeblur.choices import DENOISERS, Chroma
 from rsdeblur.deconv.chroma import Solve, half_chroma, half_shape, halved, halved_rows, luma_share, suits_half
@@ -12,7 +12,6 @@ from rsdeblur.deconv.priors import DerivativePrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.deconv.rowwise import RowDeconvolver
 from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic, extended, extended_shape
-from rsdeblur.deconv.wavelet import WaveletPrior
 from rsdeblur.deconv.wiener import Deconvolver
 from rsdeblur.errors import InputError
 from rsdeblur.motion.paths import BlurPaths, Capture
@@ -29,7 +28,6 @@ class Strengths:
     weight: float | None  # None for the Wiener filter
     peak: float  # value of the picture's bright parts, see `rsdeblur.deconv.priors.brightness`
     tile_nsr: float  # decides the automatic numbers of bands and strips
-    wavelet: WaveletPrior | None = None  # the learned prior with all its numbers; None for other priors
     noise: float | None = None  # standard deviation in linear light; None where no strength needed it
 
 
@@ -43,32 +41,9 @@ class Chunk:
     half: PsfBank | None = None  # PSFs of the colours at half size; None means those of `halved`
 
 
-class ChunkSolver(Protocol):
-    """What solves a picture, or several of a scene together, chunk by chunk."""
-
-    @property
-    def options(self) -> Options:
-        """All options."""
-
-    @property
-    def strengths(self) -> Strengths:
-        """The strengths in use."""
-
-    @property
-    def bank(self) -> PsfBank:
-        """PSFs of the whole picture."""
-
-    @property
-    def count(self) -> int:
-        """Number of pictures that are solved together."""
-
-    def plan(self, chunk: Chunk, shape: tuple[int, int, int]) -> Solve:
-        """Plan the solver of a chunk, whose light has the given shape; it restores one picture, with its progress."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureSolver:
-    """Solver of one picture."""
+    """Solver of one picture; :class:`rsdeblur.burst.solution.BurstSolution` is that of several of a scene together."""
 
     options: Options
     strengths: Strengths
@@ -77,7 +52,7 @@ class PictureSolver:
 
     @property
     def count(self) -> int:
-        """One picture."""
+        """Number of pictures that are solved together."""
         return 1
 
     @property
@@ -101,12 +76,10 @@ class PictureSolver:
             return PlugAndPlayPrior(prior, weight, strengths.peak)
         if prior in DENOISERS:
             return PlugAndPlayPrior(named_denoiser(prior, threads), weight, strengths.peak)
-        if strengths.wavelet is not None:
-            return strengths.wavelet
         return DerivativePrior(prior, weight, self.options.exponent, strengths.peak)
 
     def plan(self, chunk: Chunk, shape: tuple[int, int, int]) -> Solve:
-        """Plan the solver of a chunk, whose light has the given shape; see :class:`ChunkSolver`."""
+        """Plan the solver of a chunk, whose light has the given shape; it restores one picture, with its progress."""
         if self.options.boundary_in_effect is not None:
             return self._open_border(chunk.bank, shape)
         is_rowwise = self.options.mode_in_effect == "rowwise"

@@ -15,30 +15,28 @@ from numpy.typing import NDArray
 from rsdeblur.choices import DENOISERS, LINEAR_PRIORS
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
-from rsdeblur.estimate.check import LEAD, RINGING, TURN, Bounds, QualityCheck, assess
+from rsdeblur.estimate.check import QualityCheck, assess
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.image.encoded import EncodedImage, blocks
 from rsdeblur.image.highlights import HighlightSplit, find_spots, lights, separate_highlights, small_spots
 from rsdeblur.image.mending import UndershootMeter, fade_undershoot, keep_colours_near_clipped
-from rsdeblur.image.transfer import normalized, quantised
+from rsdeblur.image.transfer import normalized
 from rsdeblur.motion.alignment import rectify
 from rsdeblur.motion.paths import Capture
 from rsdeblur.pipeline.memory import plan_chunks
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.solver import ChunkSolver, Strengths
+from rsdeblur.pipeline.solver import PictureSolver, Strengths
 from rsdeblur.pipeline.tiles import Blur, few_psfs, psfs_of
 from rsdeblur.psf import PsfBank
 from rsdeblur.tuning.strength import Tuning
-from rsdeblur.types import FloatArray, FloatImage, Progress, StageProgress
+from rsdeblur.types import FloatImage, Progress, StageProgress
 
 LOG = logging.getLogger("rsdeblur")
 # Share of the border's error that is left if the border is solved for. Only exact PSFs allow for so little: with those
 # of a motion, which is never exact, the whole one is better.
 SOLVED_BORDER_ERROR = 0.1
-# Least `nsr` of the wavelet prior, for the PSFs of a motion and for exact ones, and that of denoisers as a multiple of
-# the variance of the noise in a picture whose bright parts have the value 1. They restore what a PSF lost less well
-# than other priors. (docs/developer/decisions.md)
-LEAST_WAVELET_NSR, LEAST_EXACT_WAVELET_NSR = 3e-3, 1e-3
+# Least `nsr` of denoisers as a multiple of the variance of the noise in a picture whose bright parts have the value 1.
+# They restore what a PSF lost less well than other priors.
 NSR_OF_VARIANCE = 2.0
 
 
@@ -144,10 +142,6 @@ def tuned_strengths(tuning: Tuning, options: Options, peak: float, *, given: boo
         nsr = tuning.wiener_nsr if options.nsr == "auto" else options.nsr
         return Strengths(nsr, None, peak, nsr, noise=tuning.noise)
     nsr = _prior_nsr(tuning, options, peak, given=given) if options.nsr == "auto" else options.nsr
-    if prior == "wavelet":
-        wavelet = tuning.wavelet(None if options.weight == "auto" else options.weight)
-        wavelet = replace(wavelet, sparse=replace(wavelet.sparse, peak=peak))
-        return Strengths(nsr, wavelet.weight, peak, tuning.gradient_nsr, wavelet, tuning.noise)
     if options.weight != "auto":
         weight = options.weight
     else:
@@ -162,8 +156,6 @@ def _prior_nsr(tuning: Tuning, options: Options, peak: float, *, given: bool) ->
     share = SOLVED_BORDER_ERROR if given and options.border == "unknown" else 1.0
     nsr = share * tuning.border_error
     prior = options.prior_in_effect
-    if prior == "wavelet":
-        return max(nsr, LEAST_EXACT_WAVELET_NSR if given else LEAST_WAVELET_NSR)
     if callable(prior) or prior in DENOISERS:
         variance = tuning.denoiser_weight / WEIGHT_OF_VARIANCE
         return max(nsr, min(NSR_OF_VARIANCE * variance / max(peak, LEAST_PEAK) ** 2, 1.0))
@@ -173,7 +165,7 @@ def _prior_nsr(tuning: Tuning, options: Options, peak: float, *, given: bool) ->
 def solve_chunks(
     split: HighlightSplit,
     out: NDArray[Any],
-    solver: ChunkSolver,
+    solver: PictureSolver,
     clock: StageClock,
     *,
     light: FloatImage | None = None,  # the picture's linear light (H, W, C) without highlights, if decoded already
@@ -213,17 +205,6 @@ def solve_chunks(
     return coverage
 
 
-@contextmanager
-def blendable(out: NDArray[Any], encoded: EncodedImage, options: Options) -> Iterator[NDArray[Any]]:
-    """Yield the array to solve into: `out`, or floats for it where integers would clip light before it is blended."""
-    if not (options.fallback and out.dtype.kind == "u" and encoded.values.dtype.kind == "f"):
-        yield out
-        return
-    values = np.empty(out.shape, np.float32)
-    yield values
-    out[...] = quantised(values, 8 * out.dtype.itemsize)
-
-
 def judged(
     encoded: EncodedImage,
     out: NDArray[Any],
@@ -232,34 +213,13 @@ def judged(
     options: Options,
     clock: StageClock,
 ) -> QualityCheck | None:
-    """Check the upright result `out`, if the options request it; a bad one may be blended with the picture."""
+    """Check the upright result `out`, if the options request it; the picture may replace a bad one."""
     if not options.judges:
         return None
     with clock.stage("check"):
-        result, resampled = EncodedImage(out, encoded.transfer), options.geometry == "rectify"
-        check = assess(evidence(), result, meter, resampled=resampled, threads=options.threads)
-        return fall_back(encoded, check, out) if options.fallback and check.verdict == "bad" else check
-
-
-def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> QualityCheck:
-    """Blend `out`, which is upright like the picture, towards the input where its figures are bad, in linear light."""
-    height = encoded.shape[0]
-    share = np.maximum(_share(check.ringings, height, RINGING), _share(check.leads, height, LEAD))
-    if check.half_turn is not None:
-        share = np.maximum(share, _share((check.half_turn,), height, TURN))
-    sharp = EncodedImage(out, encoded.transfer)
-    for _, rows in blocks(slice(0, height)):
-        if share[rows].any():
-            weight = share[rows, None, None].astype(np.float32)
-            encoded.encode(weight * encoded.linear(rows) + (1 - weight) * sharp.linear(rows), rows, out)
-    return replace(check, blended=True)
-
-
-def _share(figures: tuple[float, ...], height: int, bounds: Bounds) -> FloatArray:
-    """Return the share of the input in every row, from the figures of equal parts: 0 where doubtful, 1 where bad."""
-    if not figures:
-        return np.zeros(height)
-    shares = ((np.array(figures) - bounds.doubtful) / (bounds.bad - bounds.doubtful)).clip(0.0, 1.0)
-    centres = (np.arange(len(figures)) + 0.5) * height / len(figures) - 0.5
-    each_row: FloatArray = np.interp(np.arange(height), centres, shares)
-    return each_row
+        check = assess(evidence(), EncodedImage(out, encoded.transfer), meter, threads=options.threads)
+        if not (options.fallback and check.verdict == "bad"):
+            return check
+        for _, rows in blocks(slice(0, encoded.shape[0])):
+            encoded.encode(encoded.linear(rows), rows, out)
+        return replace(check, replaced=True)

@@ -6,11 +6,12 @@ import base64
 import math
 from collections.abc import Mapping, Sequence
 from io import BytesIO
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
+from scipy import ndimage
 
 from rsdeblur.errors import InputError
 from rsdeblur.motion.triage import DECISIONS, Triage
@@ -28,8 +29,9 @@ DIM = 0.4  # brightness left to a picture below kernels
 PANEL, GUTTER, TITLE = 560, 10, 34
 LONG_SIDE = 1600  # px of a map of PSFs
 MOST = 12, 9  # rows and columns of kernels in one drawing; more would have no room
-# Bytes of the pictures of a page together; base64 adds a third.
-BUDGET = 9 * 2**20
+# Pixels of a picture, for which a browser needs four bytes of memory each, and of all of a page, whose file has about a
+# byte for each.
+MOST_PIXELS, PAGE_PIXELS = 8e6, 12e6
 LEAST = 0.1  # px, where the logarithmic axis starts; shorter paths are drawn there
 COLOURS: dict[str, str] = dict(zip(DECISIONS, ("#2a9d5c", "#2b7bba", "#c8443c", "#8a8a8a"), strict=True))
 # The colours of a page, which `page.css` lists.
@@ -89,7 +91,7 @@ def side_by_side(images: Mapping[str, Display]) -> FloatImage:
     if len({panel.size for panel in panels.values()}) > 1:
         sizes = ", ".join(f"{label!r} has {panel.width}x{panel.height} px" for label, panel in panels.items())
         raise InputError(f"pictures side by side need one size: {sizes}")
-    boxes = _detailed(list(panels.values()), len(MARKS))
+    boxes = _detailed(list(panels.values()))
     columns = [_with_details(panel, boxes) for panel in panels.values()]
     across, down = columns[0].width + GUTTER, columns[0].height + TITLE + 2 * GUTTER
     sheet = Image.new("RGB", (len(columns) * across + GUTTER, down), GROUND)
@@ -114,68 +116,34 @@ def _with_details(panel: Image.Image, boxes: Sequence[Box]) -> Image.Image:
     return column
 
 
-def telling_place(first: Display, other: Display) -> tuple[float, float]:
-    """Return (x, y) of the middle of a part in which two pictures have much detail, px."""
-    left, top, right, bottom = _detailed([rgb8("picture", picture) for picture in (first, other)], 1)[0]
-    return (left + right) / 2, (top + bottom) / 2
-
-
-def _detailed(panels: Sequence[Image.Image], count: int) -> list[Box]:
-    """Return `count` boxes of 4:3, from top to bottom, where the pictures have most detail."""
+def _detailed(panels: Sequence[Image.Image]) -> list[Box]:
+    """Return boxes of 4:3, one for each of `MARKS` from top to bottom, where the pictures have most detail."""
     width, height = panels[0].size
     tall = max(min(height, round(0.75 * width)) // 4, min(height, 16))
     wide = min(round(tall * 4 / 3), width)
     # The square root keeps one hard edge from outweighing fine print.
-    table = np.sum([np.sqrt(_gradient(panel)) for panel in panels], axis=0).cumsum(axis=0).cumsum(axis=1)
-    table = np.pad(table, ((1, 0), (1, 0)))
-    # The sum over the box below and right of every place where it fits.
-    sums = table[tall:, wide:] - table[:-tall, wide:] - table[tall:, :-wide] + table[:-tall, :-wide]
-    # Deblurring is worst along the picture's edge.
-    edge = min(24, height // 16, (width - wide) // 2)
-    boxes = []
+    greys = (np.asarray(panel.convert("L"), dtype=np.float64) for panel in panels)
+    detail = np.sum([np.sqrt(ndimage.gaussian_gradient_magnitude(grey, 1)) for grey in greys], axis=0)
+    means = ndimage.uniform_filter(detail, (tall, wide))
+    # Of the boxes whose corner is at a place, where they fit.
+    means = np.roll(means, (-(tall // 2), -(wide // 2)), (0, 1))[: height - tall + 1, : width - wide + 1]
+    boxes, count = [], len(MARKS)
     for i in range(count):
-        # A box lies wholly in its part of the height, unless the box is taller than the part.
-        part = (height - 2 * edge) / count
-        first = min(round(edge + i * part), height - tall)
-        last = max(round(edge + (i + 1) * part) - tall + 1, first + 1)
-        inside = sums[first:last, edge : width - wide - edge + 1]
-        top, left = np.add(np.unravel_index(np.argmax(inside), inside.shape), (first, edge)).tolist()
-        boxes.append((left, top, left + wide, top + tall))
+        # A box lies wholly in its part of the height, unless it is taller than that.
+        first = min(i * height // count, height - tall)
+        part = means[first : max((i + 1) * height // count - tall, first) + 1]
+        top, left = map(int, np.unravel_index(np.argmax(part), part.shape))
+        boxes.append((left, first + top, left + wide, first + top + tall))
     return boxes
 
 
-def _gradient(panel: Image.Image) -> FloatArray:
-    grey = np.pad(np.asarray(panel.convert("L"), dtype=np.float64), 1, mode="edge")
-    magnitude: FloatArray = np.hypot(*np.gradient(grey))[1:-1, 1:-1]
-    return magnitude
-
-
-class Trails(NamedTuple):
-    """Kernels of a bank as drawings show them, with the rows and columns of their places in px.
-
-    `kernels`, shape (B, S, h, w), are an even selection, brightened to their own peaks from 0 to 1, and cut to the
-    smallest common size that keeps what is visible.
-    """
-
-    rows: FloatArray
-    cols: FloatArray
-    kernels: FloatArray
-
-    @classmethod
-    def of(cls, bank: PsfBank) -> Trails:
-        """Return at most `MOST` rows and columns of the kernels of a bank."""
-        down, across = map(thinned, bank.kernels.shape[:2], MOST)
-        kernels = np.asarray(bank.kernels[down, across], dtype=np.float64)
-        shares = kernels / np.maximum(kernels.max(axis=(2, 3), keepdims=True), 1e-30)
-        # Values below a thousandth of the peak are invisible.
-        seen = (shares > 1e-3).any(axis=(0, 1))
-        middle = np.array(seen.shape) // 2
-        # One pixel of margin lets the glow fade out where it is enlarged.
-        reach = np.abs(np.argwhere(seen) - middle).max(axis=0) + 1
-        (top, left), (bottom, right) = middle + 1 - reach, middle + 2 + reach
-        padded = np.pad(shares, ((0, 0), (0, 0), (1, 1), (1, 1)))[:, :, top:bottom, left:right]
-        # The square root makes faint parts of a trail visible.
-        return cls(np.asarray(bank.rows)[down], np.asarray(bank.cols)[across], np.sqrt(padded.clip(0.0, 1.0)))
+def trails(bank: PsfBank) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return rows and columns in px of an even selection of kernels, and these, brightened to their peaks of 1."""
+    down, across = map(thinned, bank.kernels.shape[:2], MOST)
+    kernels = np.asarray(bank.kernels[down, across], dtype=np.float64)
+    shares = kernels / np.maximum(kernels.max(axis=(2, 3), keepdims=True), 1e-30)
+    # The square root makes faint parts of a trail visible.
+    return np.asarray(bank.rows)[down], np.asarray(bank.cols)[across], np.sqrt(shares.clip(0.0, 1.0))
 
 
 def thinned(count: int, most: int) -> slice:
@@ -226,7 +194,7 @@ def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: Display | None = 
     if picture is not None:
         grey = rgb8("picture", picture).convert("L").resize((width, height), Image.Resampling.BICUBIC)
         drawing.paste(grey.point(lambda value: value * DIM).convert("RGB"))
-    rows, cols, kernels = Trails.of(bank)
+    rows, cols, kernels = trails(bank)
     zoom = min(fitting(rows, cols, kernels.shape[2:], shape) * scale, 12.0)
     places = [((row + 0.5) * scale, (col + 0.5) * scale) for row in rows for col in cols]
     for kernel, place in zip(kernels.reshape(-1, *kernels.shape[2:]), places, strict=True):
@@ -237,10 +205,8 @@ def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: Display | None = 
         pen.line((x, y - 2, x, y + 2), fill=MARKS[1])
     # Not bands x strips: with a horizontal readout the bands are columns.
     (down, across), (tall, wide) = bank.kernels.shape[:2], bank.size
-    grid = f"{down} row{'s' * (down > 1)} x {across} column{'s' * (across > 1)} of kernels"
-    text = f"{grid} of {wide} x {tall} px, drawn {zoom / scale:.2g} times as large as in the picture"
-    if (len(rows), len(cols)) != (down, across):
-        text += f"; {len(rows)} x {len(cols)} shown"
+    text = f"{len(rows)} x {len(cols)} of {down} x {across} kernels (rows x columns) of {wide} x {tall} px, drawn "
+    text += f"{zoom / scale:.2g} times as large as in the picture"
     sheet = Image.new("RGB", (drawing.width, drawing.height + TITLE), GROUND)
     sheet.paste(drawing)
     _caption(sheet, (GUTTER, drawing.height + GUTTER // 2), text)
@@ -258,19 +224,13 @@ def _lay(drawing: Image.Image, kernel: FloatArray, zoom: float, place: tuple[flo
 
 
 def picture_uris(pictures: Mapping[str, Display], icc_profile: bytes | None) -> tuple[list[str], float]:
-    """Return pictures of one size as data URIs of JPEG, all reduced until they fit the budget, and the factor, <= 1."""
+    """Return pictures of one size as data URIs of JPEG, all reduced to the pixels of a page, and the factor, <= 1."""
     images = [rgb8(label, picture) for label, picture in pictures.items()]
-    # A browser, also a phone's, needs four bytes of memory for each of at most 8 million pixels of a picture.
-    scale = min(1.0, math.sqrt(8e6 / (images[0].width * images[0].height)))
-    while True:
-        size = max(round(images[0].width * scale), 1), max(round(images[0].height * scale), 1)
-        reduced = (image if size == image.size else image.resize(size, Image.Resampling.LANCZOS) for image in images)
-        uris = [_uri(image, subsampling=0, icc_profile=icc_profile or b"") for image in reduced]
-        total = 3 / 4 * sum(map(len, uris))
-        if total <= BUDGET or max(size) == 1:
-            return uris, scale
-        # Smaller pictures need somewhat more bytes per pixel.
-        scale *= 0.95 * math.sqrt(BUDGET / total)
+    pixels = images[0].width * images[0].height
+    scale = math.sqrt(min(1.0, MOST_PIXELS / pixels, PAGE_PIXELS / (pixels * len(images))))
+    size = max(round(images[0].width * scale), 1), max(round(images[0].height * scale), 1)
+    reduced = (image if scale == 1.0 else image.resize(size, Image.Resampling.LANCZOS) for image in images)
+    return [_uri(image, subsampling=0, icc_profile=icc_profile or b"") for image in reduced], scale
 
 
 def thumbnail_uri(image: Image.Image, side: int) -> str:
@@ -281,7 +241,7 @@ def thumbnail_uri(image: Image.Image, side: int) -> str:
 
 def bank_data(bank: PsfBank) -> dict[str, Any]:
     """Return an evenly spaced selection of the kernels as one grey picture, with their places, for a page."""
-    rows, cols, kernels = Trails.of(bank)
+    rows, cols, kernels = trails(bank)
     down, across, tall, wide = kernels.shape
     atlas = rgb8("kernels", kernels.transpose(0, 2, 1, 3).reshape(down * tall, across * wide)).convert("L")
     return {

@@ -16,7 +16,7 @@ from rsdeblur.estimate.refine import Refinement
 from rsdeblur.io import open_camera, open_gyro, read_acceleration, read_picture
 from rsdeblur.io.camera_file import CameraFile
 from rsdeblur.io.cameras import detect_camera_format
-from rsdeblur.io.captures import FORMATS, WHAT, clock_facts, open_captures
+from rsdeblur.io.captures import FORMATS, clock_facts, open_captures
 from rsdeblur.io.columns import choice_for, choices_of
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.gyroflow import is_profile
@@ -72,15 +72,12 @@ def refinement_facts(refinement: Refinement | None) -> dict[str, Any] | None:
 
 
 def offset_facts(search: OffsetSearch) -> dict[str, Any]:
-    """Return the facts about a search for the time offset; JSON has no infinity."""
+    """Return the facts about a search for the time offset."""
     return {
         "time_offset_s": search.time_offset,
         "best_s": search.best,
         "sd_s": search.sd,
-        "lead": search.lead if math.isfinite(search.lead) else None,
         "reason": search.reason,
-        "offsets_s": search.offsets.tolist(),
-        "scores": [score if math.isfinite(score) else None for score in search.scores.tolist()],
     }
 
 
@@ -127,13 +124,13 @@ def summary(facts: Mapping[str, Any]) -> str:
     strength = f"NSR {facts['nsr']:.2g}" if facts["weight"] is None else f"weight {facts['weight']:.2g}"
     check = facts["check"]
     verdict = "" if check is None else f"; {check['verdict']}"
-    blended = ", blended towards the photo" if check and check["blended"] else ""
+    replaced = ", replaced by the photo" if check and check["replaced"] else ""
     error = facts.get("tile_error_px")
     because = f" (tiles would err by {error:.2f} px)" if facts["mode"] == "rowwise" and error is not None else ""
     return (
         f"{facts['mode']}{because}, "
         f"{facts['bands']} x {facts['strips']} PSFs ({tiles} x strips) of {wide} x {tall} px, "
-        f"{facts['prior']}, {strength}, {facts['seconds']:.2f} s{verdict}{blended}"
+        f"{facts['prior']}, {strength}, {facts['seconds']:.2f} s{verdict}{replaced}"
     )
 
 
@@ -237,7 +234,7 @@ def motion_data(log: GyroLog, camera: Camera, exposure: Exposure) -> dict[str, A
 
 def describe(path: Path, reading: Mapping[str, Any]) -> dict[str, Any]:
     """Return the kind and the contents of a file; `reading` are the arguments of `read_gyro` for a gyro log."""
-    source, columns = Source(path, WHAT), reading["columns"]
+    source, columns = Source(path, "file"), reading["columns"]
     # By its extension too, so that the error of a damaged picture is about a picture.
     if is_picture(source) or path.suffix.lower() in KINDS:
         return picture_facts(path)
@@ -311,10 +308,15 @@ def accelerometer(path: Path, columns: str | None) -> AccelerationLog | None:
             return None
 
 
+def axes_of(camera: Camera) -> str | None:
+    """Return the names of the axes of the log in a camera; None if they have none."""
+    axes = [name for name in PRESETS if np.allclose(camera.imu_to_camera, imu_to_camera(name), atol=1e-9)]
+    return " or ".join(axes) or None
+
+
 def camera_facts(file: CameraFile) -> dict[str, Any]:
     """Return the properties of a camera and of its file."""
     camera = file.camera
-    axes = [name for name in PRESETS if np.allclose(camera.imu_to_camera, imu_to_camera(name), atol=1e-9)]
     return {
         "kind": "camera",
         "format": file.format,
@@ -327,7 +329,7 @@ def camera_facts(file: CameraFile) -> dict[str, Any]:
         "readout_sd_s": camera.readout_sd,
         "readout_direction": camera.readout_direction,
         "imu_to_camera": camera.imu_to_camera.tolist(),
-        "imu_axes": " or ".join(axes) or None,
+        "imu_axes": axes_of(camera),
         "time_offset_s": camera.time_offset,
         "timestamp_marks": camera.timestamp_marks,
         **file.facts,

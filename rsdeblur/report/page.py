@@ -10,12 +10,11 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
-from datetime import UTC, datetime
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from numpy.typing import NDArray
@@ -30,24 +29,14 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
 from rsdeblur.psf import PsfBank
-from rsdeblur.report.drawings import bank_data, picture_uris, telling_place, thumbnail_uri
+from rsdeblur.report.drawings import bank_data, picture_uris, thumbnail_uri
 from rsdeblur.report.facts import correction_text, motion_data, plain
 
-Level = Literal["warning", "note", "good"]
-LEVELS: tuple[Level, ...] = ("warning", "note", "good")
-# How much verdicts limit a result; others are warnings.
-VERDICT_LEVELS: dict[str, Level] = {"good": "good", "cannot tell": "note", "not checked": "note"}
+# Colours of verdicts; others are warnings.
+VERDICT_LEVELS = {"good": "good", "cannot tell": "note", "not checked": "note"}
 TIMES = "\N{MULTIPLICATION SIGN}"
 # Verdicts on the items of a batch, the worst first.
 ORDER = ("failed", *reversed(VERDICTS), "not checked")
-
-
-class Finding(NamedTuple):
-    """Outcome of one check: how much it limits the result, its subject in a word or two, and sentences."""
-
-    level: Level
-    subject: str
-    text: str
 
 
 class Page(NamedTuple):
@@ -59,28 +48,19 @@ class Page(NamedTuple):
     camera: Camera
     exposure: Exposure
     shown: dict[str, NDArray[Any]]  # display values in [0, 1] by label, the blurred input first
-    banks: Mapping[str, PsfBank]  # PSFs by mode
+    banks: dict[str, PsfBank]  # PSFs by mode
     transfer: Transfer  # of the photo
-    unseen: float = 0.0  # fraction of the pixels that were never exposed
     settings: Mapping[str, Mapping[str, str]] = {}  # tables of names and values by title
-    remarks: Sequence[Finding] = ()  # beside those that the content gives
+    remarks: Sequence[tuple[str, str]] = ()  # subjects and sentences, beside the verdicts
 
     @property
-    def findings(self) -> list[Finding]:
-        """Remarks, verdicts and what was never exposed, warnings first."""
-        outcomes = list(self.remarks)
-        for mode, facts in self.report["modes"].items():
-            if check := facts.get("check"):
-                verdict = check["verdict"]
-                text = "cannot tell whether it is right" if verdict == "cannot tell" else f"finds it {verdict}"
-                text = " ".join((f"The check {text}.", *check["reasons"]))
-                outcomes.append(Finding(VERDICT_LEVELS.get(verdict, "warning"), f"Result, {mode}", text))
-        if self.unseen > 0:
-            text = (
-                f"{self.unseen:.1%} of the straightened picture was never exposed and is filled in from its neighbours."
-            )
-            outcomes.append(Finding("note", "Unexposed parts", text))
-        return sorted(outcomes, key=lambda finding: LEVELS.index(finding.level))
+    def findings(self) -> list[tuple[str, str]]:
+        """Subjects and sentences of the remarks and of the checks."""
+        checks = {mode: facts["check"] for mode, facts in self.report["modes"].items() if facts.get("check")}
+        return [
+            *self.remarks,
+            *((f"Check, {mode}", " ".join((f"{each['verdict']}.", *each["reasons"]))) for mode, each in checks.items()),
+        ]
 
     @property
     def best(self) -> str:
@@ -101,33 +81,23 @@ class Page(NamedTuple):
         for text in texts:
             for path in sorted(paths, key=lambda path: len(str(path)), reverse=True):
                 text = text.replace(str(path), path.name)
-            remarks.append(Finding("warning", "Remark", text))
+            remarks.append(("Warning", text))
         if correction := self.report.get("refinement"):
-            level: Level = "good" if correction["accepted"] else "note"
-            remarks.append(Finding(level, "Motion", correction_text(correction)))
-        tables = {
-            title: {name.replace("_", " "): text for name, value in rows.items() if (text := plain(value, 9))}
-            for title, rows in self._settings(recording, options).items()
-        }
-        return self._replace(settings=tables, remarks=remarks)
-
-    def _settings(self, recording: Mapping[str, Any], options: Options) -> dict[str, Mapping[str, Any]]:
-        report, picture, log, camera, exposure, *_ = self
-        return {
-            "Picture": {
-                "photo": Path(report["photo"]),
-                "truth": Path(report["truth"]) if "truth" in report else None,
-                "stored as": f"{picture.pixels.dtype}, {(*picture.pixels.shape, 1)[2]} channels",
-                "report made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-            },
+            remarks.append(("Motion", correction_text(correction)))
+        camera, exposure, modes = self.camera, self.exposure, ", ".join(self.report["modes"])
+        values: dict[str, Mapping[str, Any]] = {
             "Recording": recording,
-            "Blur and solver": options.recorded | {"mode": ", ".join(report["modes"]), "transfer": self.transfer},
+            "Blur and solver": options.recorded | {"mode": modes, "transfer": self.transfer},
             "Exposure": {"start, s": exposure.start, "duration, s": exposure.duration, "origin, ns": exposure.epoch_ns},
-            "Gyro log": {"samples": len(log), "rate, Hz": log.rate, "span, s": log.span, "origin, ns": log.epoch_ns},
             "Camera": {each.name: getattr(camera, each.name) for each in fields(camera)}
             | {"imu_to_camera": camera.imu_to_camera.tolist()},
             "Software": show_config(mode="dict"),
         }
+        tables = {
+            title: {name.replace("_", " "): text for name, value in rows.items() if (text := plain(value, 9))}
+            for title, rows in values.items()
+        }
+        return self._replace(settings=tables, remarks=remarks)
 
 
 def write_page(path: str | os.PathLike[str], page: Page) -> None:
@@ -169,31 +139,31 @@ def render(page: Page) -> str:
     is_stored = page.transfer != "linear" and page.picture.pixels.ndim == 3
     uris, scale = picture_uris(page.shown, page.picture.icc_profile if is_stored else None)
     height, width = next(iter(page.shown.values())).shape[:2]
-    best, outcomes, modes = page.best, page.findings, page.report["modes"]
+    best, modes = page.best, page.report["modes"]
     data = {
         "size": [width, height],
         "scale": scale,
         "banks": {label: bank_data(bank) for label, bank in page.banks.items()},
         "motion": motion_data(page.log, page.camera, page.exposure),
         "best": best,
-        "place": telling_place(next(iter(page.shown.values())), page.shown[best]),
+        "isWhole": True,
     }
-    warnings = sum(finding.level == "warning" for finding in outcomes)
-    summary = f"{warnings or 'no'} warning{'s' * (warnings != 1)}"
     badge = f"{escape(best)}: {_badge(modes[best])} · " if modes[best].get("check") else ""
     main = Template(part("page.html")).substitute(
         viewer=part("page_viewer.html"),
         scale=f"Pictures are embedded as JPEG at {scale:.0%} of their size; the files of compare have full size.",
         pictures="\n".join(_figure(label, uri) for label, uri in zip(page.shown, uris, strict=True)),
         modes=_table("Modes, strengths and times", *mode_table(page.report)),
-        findings="\n".join(map(_finding, outcomes)),
+        findings="\n".join(
+            f"<li><strong>{escape(subject)}.</strong> {escape(text)}</li>" for subject, text in page.findings
+        ),
         settings="\n".join(_settings(title, rows) for title, rows in page.settings.items()),
         data=script_json(data),
     )
     return document(
         kind="rsdeblur report",
         title=Path(page.report["photo"]).name,
-        facts=f'{badge}{width} {TIMES} {height} px · <a href="#findings">{summary}</a>',
+        facts=f'{badge}{width} {TIMES} {height} px · <a href="#findings">remarks</a>',
         main=main,
         script=part("page_viewer.js") + part("page_plots.js"),
     )
@@ -213,12 +183,6 @@ def _verdict(facts: Mapping[str, Any]) -> str:
 def _badge(facts: Mapping[str, Any]) -> str:
     verdict = _verdict(facts)
     return f'<span class="verdict {VERDICT_LEVELS.get(verdict, "warning")}">{verdict}</span>'
-
-
-def _finding(finding: Finding) -> str:
-    badge = f'<span class="badge">{finding.level.capitalize()}</span>'
-    text = f"<span><strong>{escape(finding.subject)}.</strong> {escape(finding.text)}</span>"
-    return f'<li class="{finding.level}">{badge}{text}</li>'
 
 
 def _figure(label: str, uri: str) -> str:

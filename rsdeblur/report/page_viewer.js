@@ -396,11 +396,8 @@ async function startViewer() {
   new ResizeObserver(resize).observe(stage.parentElement);
   addEventListener("resize", resize);
   resize();
-  // A large picture opens at 1:1, where it differs most from the input: reduced, both look alike.
-  if (data.place && fitZoom() * devicePixelRatio < 1) {
-    [view.x, view.y] = data.place;
-    zoomTo(1 / devicePixelRatio);
-  }
+  // A large picture opens at 1:1: reduced, it looks like the input.
+  if (data.isWhole && fitZoom() * devicePixelRatio < 1) zoomTo(1 / devicePixelRatio);
 }
 
 if (data) startViewer();

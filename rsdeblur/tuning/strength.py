@@ -18,11 +18,10 @@ from scipy import fft
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import once
-from rsdeblur.choices import DERIVATIVE_PRIORS, EXPONENT, Prior
+from rsdeblur.choices import DERIVATIVE_PRIORS, Prior
 from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
-from rsdeblur.deconv.priors import KINDS, DerivativePrior
-from rsdeblur.deconv.wavelet import MOST_VARIANCE, Factors, WaveletPrior, frame_responses
+from rsdeblur.deconv.priors import KINDS
 from rsdeblur.psf import PsfBank
 from rsdeblur.tuning.noise import (
     ASSUMED,
@@ -240,14 +239,14 @@ class Tuning:
         energy : float
             E of the sharp picture.
         """
-        return self._noise_alone + energy * self.path_error
+        shown = self.spectra.signal * self.spectra.gradient
+        return FINE_NOISE * float((shown * self._sensor_noise).sum() / shown.sum()) + energy * self.path_error
 
     @property
     def noise(self) -> float:
         """Standard deviation of the noise in linear light."""
         return overall_noise(self.octave_noise)
 
-    @property
     @once
     def gradient_weight(self) -> float:
         """Weight of the prior with exponent 2 at which the expected error is least."""
@@ -273,49 +272,18 @@ class Tuning:
             factor *= GREY_STRENGTH
         return _strength(factor * weight * self.energy ** (1 - power / 2))
 
-    def wavelet(self, weight: float | None = None) -> WaveletPrior:
-        """Return the learned prior for the picture, for a solver whose `nsr` is at least 0.003, as it was learned with.
-
-        Parameters
-        ----------
-        weight : float, optional
-            Weight of the prior, from 1e-20 to 1e20; default :attr:`gradient_weight`. A larger one means more noise.
-        """
-        spectra, suited = self.spectra, self.gradient_weight
-        weight = suited if weight is None else validate.strength("weight", weight)
-        noise = self._noise_spectrum
-        penalties = [self.border_error + ratio * weight * spectra.gradient for ratio in Factors.learned().ratios]
-        left = [spectra.undone / np.square(spectra.undone + penalty) * noise for penalty in penalties]
-        responses = frame_responses(len(spectra.signal))
-        variances = np.einsum("kyx,joyx->kjo", left, responses) / spectra.signal.size * (weight / suited)
-        sparse = DerivativePrior(
-            "hyper-laplacian", _strength(self.weight("hyper-laplacian", EXPONENT) * weight / suited)
-        )
-        share = self._noise_alone / (self.noise_power(self.energy) or 1.0)
-        return WaveletPrior(weight, variances.clip(max=MOST_VARIANCE).astype(np.float32), share, sparse)
-
     @property
     def denoiser_weight(self) -> float:
         """Weight of :class:`rsdeblur.deconv.PlugAndPlayPrior`, from the variance of noise and model errors together."""
-        return _strength(WEIGHT_OF_VARIANCE * float(self._noise_spectrum.mean()))
-
-    @property
-    def _noise_alone(self) -> float:
-        """Power of the noise, as white noise that matters as much for the scene."""
-        shown = self.spectra.signal * self.spectra.gradient
-        return FINE_NOISE * float((shown * self._sensor_noise).sum() / shown.sum())
+        spectra = self.spectra
+        # Priors cannot distinguish errors of the model from noise.
+        errors = self.path_error * spectra.gradient + self.border_error
+        wrong = errors * spectra.power + spectra.power - 2 * spectra.match + spectra.undone
+        return _strength(WEIGHT_OF_VARIANCE * float((self._sensor_noise + self.energy * spectra.signal * wrong).mean()))
 
     @property
     def _sensor_noise(self) -> FloatArray:
         return noise_spectrum(self.octave_noise, len(self.spectra.signal))
-
-    @property
-    def _noise_spectrum(self) -> FloatArray:
-        """Spectrum of the noise and of the errors of the model, which priors cannot distinguish from noise."""
-        spectra = self.spectra
-        errors = self.path_error * spectra.gradient + self.border_error
-        wrong = errors * spectra.power + spectra.power - 2 * spectra.match + spectra.undone
-        return self._sensor_noise + self.energy * spectra.signal * wrong
 
     @property
     def wiener_nsr(self) -> float:

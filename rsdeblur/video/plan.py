@@ -14,14 +14,14 @@ from rsdeblur._util import validate
 from rsdeblur.choices import KEEP, VERDICTS, Chroma, Transfer
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck
-from rsdeblur.estimate.refine import REFINED_FRAMES, Refinement, refine
+from rsdeblur.estimate.refine import REFINED_FRAMES, Refinement
 from rsdeblur.image.encoded import ReadoutFrame, check_size
 from rsdeblur.motion.arguments import check_reach, exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.plan import Plan, captured, plan
+from rsdeblur.pipeline.plan import Plan, captured, plan, refined_together
 from rsdeblur.pipeline.solver import Strengths, chroma_of
 from rsdeblur.types import FloatArray, Progress
 from rsdeblur.video import QUALITY
@@ -223,15 +223,8 @@ def _refinement(
         raise InputError(f"{clip.path}: refine=True needs two blurred frames that the log covers, got {len(covered)}")
     least = min(np.median(lengths[covered]), np.sort(lengths[covered])[-2])
     chosen = _spread(covered[lengths[covered] >= least], REFINED_FRAMES)
-    first, *_ = refine(
-        (_values(clip, i) for i in chosen),
-        *(log, camera, [exposures[i] for i in chosen]),
-        translation=options.translation,
-        transfer=options.transfer,
-        threads=options.threads,
-        progress=report_progress,
-    )
-    return first
+    pictures, times = (_values(clip, i) for i in chosen), [exposures[i] for i in chosen]
+    return refined_together(pictures, log, camera, times, options, report_progress)
 
 
 def _check_options(options: Options) -> None:

@@ -292,7 +292,7 @@ def test_refine_corrects_the_recording_by_the_most_blurred_frames(monkeypatch: p
         nothing = Correction()
         return [Refinement(log, CAMERA, each, None, True, "", nothing, nothing, 0.9, 9.0, 0.1) for each in exposures]
 
-    monkeypatch.setattr("rsdeblur.burst.burst.refine", refined)
+    monkeypatch.setattr("rsdeblur.pipeline.plan.refine", refined)
     monkeypatch.setattr("rsdeblur.burst.burst.REFINED_FRAMES", 2)
     result = deblur_burst(images, LOG, wrong, EXPOSURES, prior="wiener", check=False, refine=True)
     assert result.refinement is not None

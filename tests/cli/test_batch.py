@@ -156,7 +156,7 @@ def test_dry_run_writes_nothing(run, files, manifest: Path, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "manifest is empty"),
+        (b"", "no column photo"),
         (b"photo,foo\na.png,1", "line 1: unknown column 'foo'"),
         (b"index\n1", "line 1: no column photo"),
         (b"photo,start,Start\n", "line 1: the column start occurs 2 times"),

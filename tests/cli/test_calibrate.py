@@ -76,7 +76,7 @@ def test_a_refused_fit_writes_nothing(run: Run, film: Film, tmp_path):
     assert result.exit_code == 1
     assert "no camera file is written: " in result.stderr
     facts = json.loads(result.stdout)
-    assert (facts["accepted"], facts["written"], facts["details"]["pairs"]) == (False, None, FRAMES - 1)
+    assert (facts["accepted"], facts["written"], facts["pairs"]) == (False, None, FRAMES - 1)
     assert not output.exists()
 
 

@@ -1,4 +1,4 @@
-"""Camera files: the commands create, import and show them, and warn about doubtful ones."""
+"""Camera files: the commands create and import them, and warn about doubtful ones."""
 
 from __future__ import annotations
 
@@ -91,12 +91,10 @@ def test_options_replace_assumptions_without_a_warning(run: Run, files: Files, t
     assert doubt not in run("psf", *recording, "--readout-time", "20ms", "-o", tmp_path / "b.png").stderr
 
 
-def test_show(run: Run, files: Files, tmp_path: Path) -> None:
-    shown = json.loads(run("camera", "show", files.camera, "--json").stdout)
+def test_info_shows_a_camera_file(run: Run, files: Files) -> None:
+    (shown,) = json.loads(run("info", files.camera, "--json").stdout)["files"]
     assert (shown["format"], shown["readout_time_s"]) == ("toml", 0.03)
-    assert "readout_time_s: 0.03" in run("camera", "show", files.camera).stdout
-    result = run("camera", "show", tmp_path / "none.toml")
-    assert (result.exit_code, "none.toml: cannot read the camera file" in result.stderr) == (1, True)
+    assert "readout_time_s: 0.03" in run("info", files.camera).stdout
 
 
 def test_impossible_axes_cause_a_warning(run: Run, files: Files, tmp_path: Path) -> None:

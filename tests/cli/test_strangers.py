@@ -139,7 +139,6 @@ def test_nothing_but_text_reaches_the_terminal(run: Run, files: Files, tmp_path:
     for arguments in (
         ("info", photo, log, camera, folder / "none.csv"),
         ("info", "--json", photo, log),
-        ("camera", "show", camera),
         ("deblur", photo, *recording, "--mode", "global", "--prior", "wiener", "-o", folder / "o.png"),
         ("deblur", photo, *recording, "--dry-run", "-o", folder / "p.png"),
         ("deblur", photo, *files.sources, "--capture", files.captures, "-o", folder / "q.png"),

@@ -206,7 +206,7 @@ def test_frames_together_correct_the_recording(
         facts = True, "", Correction(offset=4e-3), Correction(), 0.9, 50.0, 0.02
         return [Refinement(log, corrected, each, None, *facts) for each in exposures]
 
-    monkeypatch.setattr("rsdeblur.video.plan.refine", correction)
+    monkeypatch.setattr("rsdeblur.pipeline.plan.refine", correction)
     plain, corrected = blur(), blur("--refine")
     assert plain[1] is None
     assert corrected[1]["accepted"]

@@ -86,7 +86,7 @@ def test_own_kernels_have_full_colours_and_paths_may_have_half(capture):
 
 def test_where_colours_are_full():
     """The Wiener filter alone is that of the paper."""
-    for options in ({"prior": "wavelet"}, {"border": "unknown"}, {"prior": "wiener"}):
+    for options in ({"prior": "cnn"}, {"border": "unknown"}, {"prior": "wiener"}):
         assert Options(**options).chroma_in_effect == "full"
     assert Options(quality="fast").chroma_in_effect == "half"
     assert Options(quality="fast", chroma="full").chroma_in_effect == "full"

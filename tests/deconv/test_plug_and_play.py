@@ -1,12 +1,10 @@
-"""Learned wavelets and a denoiser as the prior: the coupling of both solvers, and the laws of the loop."""
+"""A denoiser as the prior: the laws of the loop."""
 
 import numpy as np
 
 from rsdeblur import PsfBank, deconvolve, scene
-from rsdeblur.deconv import DerivativePrior, PlugAndPlayPrior, TileQuadratic
+from rsdeblur.deconv import PlugAndPlayPrior, TileQuadratic
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
-from rsdeblur.deconv.wavelet import WaveletPrior
-from rsdeblur.tuning import Tuning
 
 KERNEL = np.zeros((7, 9))
 KERNEL[[1, 2, 3, 4, 5], [1, 2, 4, 5, 7]] = 0.2
@@ -51,33 +49,9 @@ def test_a_denoiser_is_a_prior_of_deconvolve() -> None:
     assert np.square(result.image - sharp).mean() < np.square(picture - sharp).mean()
 
 
-WIDE = 90, 300, 3
-SPARSE = DerivativePrior("hyper-laplacian", 0.001)
-
-
-def solver(**options) -> TileQuadratic:
-    return TileQuadratic(PsfBank.for_picture(KERNEL, WIDE), WIDE, border="periodic", nsr=1e-6, **options)
-
-
 def blurred(light: np.ndarray, noise: float = 0.01) -> np.ndarray:
     padded = np.zeros(light.shape[:2])
     padded[: KERNEL.shape[0], : KERNEL.shape[1]] = KERNEL
     spectrum = np.fft.rfft2(np.roll(padded, (-3, -4), (0, 1)))[..., None] * np.fft.rfft2(light, axes=(0, 1))
     picture = np.fft.irfft2(spectrum, light.shape[:2], axes=(0, 1))
     return (picture + np.random.default_rng(0).normal(0, noise, light.shape)).astype(np.float32)
-
-
-def prior_for(picture: np.ndarray) -> WaveletPrior:
-    return Tuning.of(picture, PsfBank.for_picture(KERNEL, WIDE), one_filter=True, repeats=True).wavelet()
-
-
-def test_it_beats_the_gradient_prior_of_its_weight() -> None:
-    sharp = scene(*WIDE[:2])
-    picture = blurred(sharp)
-    prior = prior_for(picture)
-
-    def error(image: np.ndarray) -> float:
-        return float(np.sqrt(np.square(image - sharp).mean()))
-
-    gradient = solver().apply(picture, prior=DerivativePrior("gradient", prior.weight))
-    assert error(solver().apply(picture, prior=prior)) < 0.9 * error(gradient)

@@ -1,18 +1,15 @@
-"""The check of a result: right and wrong motion, what cannot be judged, the blend towards the input."""
+"""The check of a result: right and wrong motion, what cannot be judged, the return of the input."""
 
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import Camera, Correction, Exposure, InputError, deblur, hand_shake, scene, simulate
 from rsdeblur.estimate import Refinement
 from rsdeblur.estimate.check import doubted_by
 from rsdeblur.estimate.search import OTHER_AXES
-from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.pipeline.steps import fall_back
 
 RECORDING = hand_shake(0.3, seed=3), Camera(320, 256, 350.0, readout_time=0.02), Exposure(0.08, 1 / 25)
 
@@ -53,8 +50,6 @@ def test_the_right_motion_is_good_and_a_wrong_one_bad(restored):
     assert "does not fit" in " ".join(bad.reasons)
     assert good.lead > bad.lead
     assert good.ringing < bad.ringing
-    # Blurred again, the right result is much nearer to the input than 1, the contrast of the input.
-    assert good.residual < 0.25
 
 
 @pytest.mark.parametrize("weight", [1.0, 1e20])
@@ -123,43 +118,16 @@ def test_pictures_without_detail_are_not_judged_and_give_no_warnings(capture):
         assert "no detail" in check.reasons[0]
 
 
-def test_fallback_blends_only_where_it_is_bad(capture, restored):
+def test_fallback_returns_the_input_where_the_result_is_bad(capture, restored):
     blurred, log, camera, exposure = capture
     light = blurred.clip(0, 1)
-    result, blended = (restored(right=False, fallback=fallback) for fallback in (False, True))
-    assert blended.check == replace(result.check, blended=True)
-    assert np.abs(blended.image - light).mean() < 0.2 * np.abs(result.image - light).mean()
+    result, replaced = (restored(right=False, fallback=fallback) for fallback in (False, True))
+    assert replaced.check == replace(result.check, replaced=True)
+    np.testing.assert_allclose(replaced.image, light, atol=1e-6)  # float32
     good, kept = (restored(right=True, fallback=fallback) for fallback in (False, True))
     np.testing.assert_array_equal(kept.image, good.image)
     levels = np.empty(light.shape, np.uint16)
     deblur(light, wrong(log), camera, exposure, prior="tv", fallback=True, out=levels)
-    # Clipped after the blend, and rounded.
-    np.testing.assert_allclose(levels, 65535 * blended.image.clip(0, 1), atol=0.51)
+    np.testing.assert_allclose(levels, 65535 * light, atol=0.51)  # rounded
     with pytest.raises(InputError, match="fallback"):
         deblur(light, log, camera, exposure, geometry="rectify", fallback=True, prior="wiener")
-
-    # The upper half is bad, the lower good: rows go from the input to the result.
-    check = replace(result.check, leads=(-99.0, 99.0), ringings=(), half_turn=None)
-    out = np.ones((256, 320, 1), np.float32)
-    fall_back(EncodedImage(np.zeros((256, 320, 1), np.float32), "linear"), check, out)
-    assert (out[:64] == 0).all()
-    assert (out[192:] == 1).all()
-    assert (np.diff(out[:, 0, 0]) >= 0).all()
-
-
-def test_fallback_does_no_harm(pictures, restored):
-    log, camera, exposure = RECORDING
-    light = pictures.blurred.clip(0, 1)
-    longer = replace(camera, focal_length=(700.0, 700.0))
-    captures = [(wrong(log), camera), (log, longer), (replace(log, omega=log.omega[:, [1, 0, 2]]), camera)]
-    before = peak_signal_noise_ratio(pictures.rolling, light, data_range=1.0)
-    pairs = [
-        [deblur(light, moved, seen, exposure, prior="wiener", fallback=fallback).image for fallback in (False, True)]
-        for moved, seen in captures
-    ]
-    pairs.append([restored(right=False, fallback=fallback).image for fallback in (False, True)])
-    for pair in pairs:
-        harmed, saved = (peak_signal_noise_ratio(pictures.rolling, image, data_range=1.0) for image in pair)
-        # Measured: 2.4 to 5.8 dB below the input. The whole picture is bad, so the input is returned.
-        assert harmed < before - 1
-        assert saved > before - 0.1

@@ -43,7 +43,7 @@ def test_grey_is_the_mean_light_without_alpha(channels):
 @pytest.mark.parametrize("transfer", ["auto", "linear", "srgb"])
 def test_whole_floats_warn(transfer):
     values = np.arange(256.0).reshape(16, 16)
-    with pytest.warns(RsdeblurWarning, match="of up to 255") if transfer == "auto" else nullcontext():
+    with pytest.warns(RsdeblurWarning, match="whole numbers") if transfer == "auto" else nullcontext():
         EncodedImage.of(values, transfer)
 
 

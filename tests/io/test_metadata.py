@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
+from PIL.ExifTags import IFD
 from PIL.TiffImagePlugin import IFDRational
 
 from rsdeblur import RsdeblurWarning, read_picture, write_picture
@@ -88,7 +89,9 @@ def test_every_value_comes_through(tmp_path: Path, exif: bytes, suffix: str, dty
 
 @BLOCKS
 def test_the_thumbnail_is_removed_and_nothing_else(exif: bytes) -> None:
-    assert b"blurred thumbnail" not in without_thumbnail(exif)
+    block = Image.Exif()
+    block.load(without_thumbnail(exif))
+    assert not block.get_ifd(IFD.IFD1)
     assert values(without_thumbnail(exif)) == values(exif)
 
 
@@ -162,25 +165,14 @@ def test_blocks_come_through(tmp_path: Path, kind: str, suffix: str) -> None:
         assert after.exif is not None
         # The maker's notes stay at their place, to which they may point.
         assert after.exif.index(NOTES) == before.exif.index(NOTES)
-        assert b"blurred thumbnail" not in after.exif
 
 
-@pytest.mark.parametrize(
-    ("kind", "lost"),
-    [
-        ("phone.jpg", ("C2PA", "gain map", "motion photo", "XMP packet, which describes parts")),
-        ("a.heic", ("gain map", "motion photo", "XMP packet, which describes parts")),
-        *((name, ("C2PA",)) for name in ("a.tif", "a.png", "a.webp")),
-    ],
-)
-def test_parts_of_the_original_are_left_out_with_a_message(tmp_path: Path, kind: str, lost: tuple[str, ...]) -> None:
-    with pytest.warns(RsdeblurWarning, match="left out of the result") as caught:
+@pytest.mark.parametrize("kind", ["phone.jpg", "a.heic"])
+def test_a_packet_about_other_parts_of_the_original_is_left_out(tmp_path: Path, kind: str) -> None:
+    with pytest.warns(RsdeblurWarning, match="left out of the result: the XMP packet and what it describes") as caught:
         before, after = copied(photo(tmp_path, kind), ".jpg", tmp_path)
     assert len(caught) == 1
-    for word in lost:
-        assert word in str(caught[0].message)
-    assert after.losses == ()
-    assert after.xmp == (None if before.xmp == LOST else before.xmp)
+    assert (before.xmp, after.xmp) == (LOST, None)
     for mark in (b"c2pa", b"MPF"):
         assert mark not in (tmp_path / "copy.jpg").read_bytes()
 

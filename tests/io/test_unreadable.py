@@ -5,7 +5,6 @@
 
 import struct
 import sys
-import zipfile
 import zlib
 from collections.abc import Callable
 from functools import cache, partial
@@ -85,19 +84,6 @@ def shared_strips() -> bytes:
     return retagged(pixels, {"StripByteCounts": [512] * 8, "StripOffsets": [first] * 8}, rowsperstrip=8)[:-3000]
 
 
-def video(table: bytes, header: struct.Struct) -> bytes:
-    """Return a video of nested boxes around a table of sample sizes."""
-    for kind in (b"stsz", b"stbl", b"minf", b"mdia", b"trak", b"moov"):
-        size = header.size + len(table)
-        table = (header.pack(1, kind, size) if header.size > 8 else header.pack(size, kind)) + table
-    return b"\0\0\0\x10ftypmp42\0\0\0\0" + table
-
-
-def padded(codec: str) -> bytes:
-    """Return a TIFF of a slow codec, with more bytes than other codecs need."""
-    return retagged(COLOUR[..., 0], {"ImageWidth": 8000, "ImageLength": 8000}, compression=codec) + bytes(70_000)
-
-
 PROJECT = {"raw_imu": [[0.005 * i, 1, 2, 3, 0, 0, 0] for i in range(20)]}
 
 GOOD = "0.00,1,2,3\n0.01,1,2,3\n"
@@ -113,9 +99,8 @@ GYRO: list[Fault] = [
     (GOOD + "0.01,4,5,6\n0.02,1,2,3\n", 3, "duplicate timestamp 10000000 ns"),
     (GOOD + "0.02,1,2,3\n-0.5,1,2,3\n", 4, "-500000000 ns comes after 20000000 ns"),
     (GOOD + "0.0200000000001,1,2,3\n0.0200000000002,1,2,4\n", 4, "duplicate timestamp 20000000"),
-    (GOOD + "0.02,1,2", 3, "cut off: 3 of 4 columns"),
+    (GOOD + "0.02,1,2", 3, "too few columns: 3 found, at least 4"),
     (GOOD + "0.02,1,2,1e-", 3, "'1e-' in column 4"),
-    (MARS + "0,1,2,3,4,5,6\n9,1,2,3,4", 3, "cut off: 5 of 7 columns"),
     (f"0,1,2,3\n{2**63},1,2,3\n{2**64},1,2,3", 2, "int64"),
     ("# one\n0.0,1,2,3\n", 2, "at least 2 samples"),
     ("0.00,1,2,3\n0.01,1,2,1e200\n0.02,1,2,3\n", 2, "impossible rates"),
@@ -124,7 +109,7 @@ GYRO: list[Fault] = [
     ("t,wx[rpm],wy[rpm],wz[rpm]\n" + GOOD, 1, "unknown gyro log format"),
     ("time_ms,rot_x,rot_y,rot_z\n0,1,2,3\n5,1,2,3\n", 1, "--columns t=1,gx=2,gy=3,gz=4"),
     *((f"t[{unit}],gx,gy,gz\n0,1,2,3\n5,1,2,3\n10,1,2,3\n", 0, words) for unit, words in (
-        ("us", "200 kHz|2e\\+05 Hz"), ("ns", "--columns t=1:ms"))),
+        ("us", "200 kHz|2e\\+05 Hz"), ("ns", "--columns t=1:us"))),
     ("4 0 1 2 3\n4 5 1 2 3\nx 9 1 2 3\n", 3, "'x' is not a sensor type"),
     ("4 0 1 2 3\n1 5 1 2 3\n4 9 1 2\n1 5 1 2 3\n", 3, "too few columns: 4 found, at least 5"),
     (GCSV + "gscale,-1\nt,gx,gy,gz\n0,1,2,3\n", 2, "gscale must be a number from"),
@@ -163,8 +148,6 @@ ARCHIVES: list[Fault] = [
     (lambda: loggers("b.csv", "Accelerometer.csv", "a.csv"), 0, "a.csv and b.csv"),
     (zip_bomb, 0, "claims to contain 70000000 bytes"),
     (small_claim, 0, ""),
-    *((partial(files.zipped, {"gyro.csv": b"0 1 2 3\n"}, method), 0, "other than deflate") for method in (
-        zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)),
 ]  # fmt: skip
 PROJECTS: list[Fault] = [
     *((gyroflow.project(raw), 0, words) for raw, words in (
@@ -180,9 +163,6 @@ PROJECTS: list[Fault] = [
     (lambda: gyroflow.packed_project(bytes(70_000_000), "raw_imu"), 0, "unpack"),
 ]  # fmt: skip
 VIDEOS: list[Fault] = [
-    *((video(table, struct.Struct(header)), 0, words) for header in (">I4s", ">I4sQ") for table, words in (
-        (struct.pack(">III", 0, 300, 2), "claims samples that are larger"),
-        (struct.pack(">III2I", 0, 0, 2, 9, 2**32 - 1), "claims samples that are larger"), (b"", "no gyro data"))),
     *((b"".join([struct.pack(">I4s", 16, b"ftyp") + bytes(8), *[struct.pack(">I4s", size, b"moov")] * 2000]), 0, "")
       for size in (0, 2, 7, 8, 2**32 - 1)),
 ]  # fmt: skip
@@ -192,7 +172,7 @@ EXPORTS: list[Fault] = [
 ]
 ACCELERATIONS: list[Fault] = [
     *((MARS + rows("{t},1,2,3,{x},{y},{z}", FORCES * factor), 0, words) for factor, words in (
-        (1 / 9.80665, "look like g"), (0.02, "gravity already removed"), (1000 / 9.80665, "look like mg"))),
+        (1 / 9.80665, "read as m/s.*give their unit"), (0.02, "log with gravity"))),
     *((text, 0, "") for text in ("t,wx,wy,wz\n" + rows("{t},1,2,3"), rows("4 {t} 1 2 3"), rows("{t},1,2,3"))),
 ]  # fmt: skip
 CAPTURES: list[Fault] = [
@@ -202,7 +182,7 @@ CAPTURES: list[Fault] = [
     (f"{ANDROID}\nnull,1,1,1,5000000,1,1\n", 3, "'null' in column 1 is not a number"),
     (f"{IOS}\n1,1,1,1,1,5000000\n2,1,1,1,1,0\n", 4, "impossible exposure time of 0 ns"),
     ("1000000 0.05\n2000000 0.05\n", 1, "exposure time of 0.05 ns"),
-    ("1 100\n2", 2, "cut off"),
+    ("1000000 100\n2000000", 2, "too few columns"),
     ("a b c\n", 1, "known formats: .*named .*deepgyro"),
     *((f"{text}0{name}\n33{name}\n66{name}\n", 0, "33 apart .* --columns t=1:ms") for text, name in (
         ("", ""), ("timestamp\n", ""), ("", ",a.png"), ("", " 20"),
@@ -212,8 +192,8 @@ CAPTURES: list[Fault] = [
     (ANDROID, 0, "no samples"),
 ]  # fmt: skip
 CLOCKS: list[Fault] = [
-    (f"# SENSOR_INFO_TIMESTAMP_SOURCE is UNKNOWN\n7 3 4\n{line}\n", 3, words)
-    for line, words in (("1 2", "three whole"), ("5 3 1", "difference"), ("9000000 0 9000000", "drift apart"))
+    (f"# SENSOR_INFO_TIMESTAMP_SOURCE is UNKNOWN\n7 3 4\n{line}\n", 0, words)
+    for line, words in (("1 2", "both clocks"), ("9000000 0 9000000", "drift apart"))
 ]
 TRAJECTORIES: list[Fault] = [
     ("0.5 1 2 3 4\n1 1 2 3 4\n", 1, "unknown trajectory format"),
@@ -254,7 +234,7 @@ TOML: list[Fault] = [
     *((toml(line), 0, words) for line, words in (
         ("focal_length = 'long'", "focal_length must be"), ("readout_direction = 1", "readout_direction must be"),
         # TOML allows integers of any length.
-        (f"time_offset = 1{'0' * 400}", "time_offset is too large"))),
+        (f"time_offset = 1{'0' * 400}", "time_offset must be a number"))),
 ]  # fmt: skip
 PHOTOS: list[Fault] = [
     *((partial(files.photo, (100, 68), **tags), 0, f"{words}.*rsdeblur camera new") for tags, words in (
@@ -274,7 +254,7 @@ PSFS: list[Fault] = [
         np.array(bits, f"u{size}").view(f"f{size}")[()] for size, bits in (
             (2, 0x7C01), (4, 0x7F800001), (8, 0x7FF0000000000001)))),
     (npy(np.ones(3)), 0, "a PSF has shape"),
-    *((content, 0, "not an array of PSFs") for content in (npy([["a"]]), b"\x93NUMPY")),
+    *((content, 0, "array of") for content in (npy([["a"]]), b"\x93NUMPY")),
     *((b"PK", 0, "not a PSF bank"), (b"hello", 0, "not a JPEG, PNG")),
 ]  # fmt: skip
 COLOUR = np.random.default_rng(1).integers(0, 256, (64, 64, 3), np.uint8)
@@ -287,7 +267,7 @@ PICTURES: list[Fault] = [
     (files.encoded("PNG", COLOUR)[:6000], 0, "truncated"),
     (files.encoded("PNG", COLOUR)[:20], 0, "truncated"),
     (files.encoded("WEBP", COLOUR)[:1000], 0, "truncated"),
-    (files.encoded("TIFF", COLOUR)[:6000], 0, "truncated|ends within"),
+    (files.encoded("TIFF", COLOUR)[:6000], 0, "truncated|take more bytes"),
     (tiff(COLOUR, photometric="rgb", compression="zlib")[:6000], 0, "truncated"),
     (b"II*\0\x08\0\0\0", 0, "truncated"),
     (tiff(np.zeros((4, 4), np.int32)), 0, "1 samples of 32 bits"),
@@ -306,12 +286,8 @@ PICTURES: list[Fault] = [
     (lambda: retagged(COLOUR, {"SamplesPerPixel": 1}, photometric="rgb"), 0, "not supp|damaged"),
     (lambda: png_of(20_000, 20_000), 0, "exceeds limit|20000"),
     (lambda: retagged(COLOUR[..., 0], {"ImageWidth": 20_000, "ImageLength": 20_000}), 0, "20000x20000 pixels"),
-    (lambda: tiff(np.zeros((5000, 5000), np.uint8), compression="zstd"), 0, "claims 5000x5000 pixels"),
-    *((partial(padded, codec), 0, "claims 8000x8000 pixels") for codec in ("jpegxl", "jpeg2000")),
-    (shared_strips, 0, "truncated or damaged|ends within"),
+    (shared_strips, 0, "truncated or damaged"),
     (lambda: retagged(np.zeros((3, 2), np.uint16), {"ImageLength": 7_500_000}, rowsperstrip=1), 0, "than the file has"),
-    # 500 widths times a height of 10^6 would take 4 GB.
-    (lambda: retagged(np.zeros((3, 2), np.uint8), {"ImageLength": 10**6, "ImageWidth": [2] * 500}), 0, "not a number"),
 ]  # fmt: skip
 READERS: list[tuple[Callable[..., Any], str, list[Fault]]] = [
     *((read_gyro, name, faults) for name, faults in (

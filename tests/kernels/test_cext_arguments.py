@@ -8,6 +8,7 @@ import pytest
 
 from rsdeblur.kernels import native, why_pure
 from rsdeblur.kernels.rowwise import LANES, RowModel
+from rsdeblur.kernels.whittle import Tiles
 from tests.kernels.test_twins import ARGUMENTS, Arrays
 
 pytestmark = pytest.mark.skipif(native is None, reason=f"no C extension: {why_pure}")
@@ -15,6 +16,7 @@ pytestmark = pytest.mark.skipif(native is None, reason=f"no C extension: {why_pu
 Array = np.ndarray[Any, Any]
 # Functions, and positions of the arrays that each writes.
 CALLS: dict[str, set[int]] = {
+    **{"add_normal": {4, 5}, "solve_normal": {8}, "fit_tiles": {8, 9, 10, 11}},
     **{"multiply": {0}, "blend": {0}, "unpair": {2}, "pair": {3}, "picture_to_lines": {6}, "lines_to_picture": {6}},
     **{"rows_to_columns": {3}, "columns_to_rows": {1}, "cut_lines": {5}},
     **{"shrunk_grad_adjoint": {6, 7}, "shrunk_derivatives_adjoint": {6, 7}},
@@ -27,7 +29,7 @@ def valid(name: str) -> list[Any]:
     """Return the arguments of a valid call."""
     twin = name.removeprefix("rowwise_").replace("workspace", "workspace_size")
     given = ARGUMENTS[twin](Arrays(1.0))
-    return [part for each in given for part in (each if isinstance(each, RowModel) else [each])]
+    return [part for each in given for part in (each if isinstance(each, RowModel | Tiles) else [each])]
 
 
 def floats(*shape: int) -> Array:
@@ -67,7 +69,7 @@ def read_only(array: Array) -> Array:
 
 
 WRONG: dict[str, Callable[[Array], Any]] = {
-    "wider": lambda a: a.astype({"f": np.float64, "c": np.complex128, "i": np.int64}[a.dtype.kind]),
+    "wider": lambda a: a.astype({"f": "d", "d": "g", "F": "D", "i": "q"}[a.dtype.char]),
     "narrower": lambda a: a.real.copy() if a.dtype.kind == "c" else a.astype(f"{a.dtype.kind}2"),
     "of another kind": lambda a: a.view(np.int32 if a.dtype.kind == "f" else np.float32),
     "unsigned or bytes": lambda a: a.view(np.uint32 if a.dtype.kind == "i" else np.uint8),
@@ -173,6 +175,18 @@ MODEL: list[tuple[Change, str]] = [
 ]  # fmt: skip
 MISUSE: list[tuple[str, Change, str]] = [
     *(("multiply", {1: pairs(*shape)}, "responses") for shape in ((3, 4, 6), (2, 5, 6))),
+    *(("add_normal", {place: pairs(2, 3, 5, 5)}, "shape") for place in (0, 4)),
+    *(("add_normal", change, "shape") for change in ({1: pairs(2, 4, 6)}, {5: floats(1, 5, 6)})),
+    *(("solve_normal", change, words) for change, words in (
+        *(({place: pairs(2, 2, 5, 6)}, "shape") for place in (0, 8)), ({1: floats(2, 6, 5)}, "shape"),
+        *(({place: floats(4)}, "must have a value") for place in (2, 3, 5)))),
+    *(("fit_tiles", change, words) for change, words in (
+        *(({place: floats(4, 8)}, "same shape") for place in (0, 1)), ({2: floats(2, 8)}, "same shape"),
+        *(({3: integers(places)}, "positions outside") for places in ([0, 1, 2, 0], [0, 1, -1, 0])),
+        *(({4: integers(sectors)}, "positions outside") for sectors in ([0, 2, 5, 10], [-1, 2, 5, 9], [0, 5, 2, 9])),
+        ({3: integers([0])}, "each tile"), ({4: integers([0, 9])}, "each tile"), ({4: integers([])}, "two values"),
+        ({5: np.ones((4, 1, 2))}, "each level"), ({6: np.ones(0)}, "two values"), ({11: np.ones((3, 2))}, "workspace"),
+        *(({place: np.ones(3)}, "each tile") for place in (8, 10)), ({9: np.ones((4, 2))}, "each tile"))),
     *(("blend", {3: integers([span] * 3)}, "spans") for span in (
         *((-1, 0, 4), (6, 0, 4), (0, -1, 4), (0, 3, 4), (0, 0, 5), (0, 0, -1)), 3 * (2**31 - 1,), 3 * (-(2**31),))),
     *(("blend", {3: integers(spans)}, "spans") for spans in ([(0, 0, 4)] * 2, [(0, 0)] * 3)),

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from rsdeblur.kernels import chroma
-from rsdeblur.kernels.noise import halved_gradient_energy
+from rsdeblur.kernels import chroma, whittle
 from rsdeblur.kernels.raster import interpolated, rasterize
 from rsdeblur.kernels.shrink import CHUNK, extrapolate
 from rsdeblur.kernels.tone import END, to_srgb
@@ -43,15 +42,6 @@ def test_ringing_below_black_is_not_amplified():
     out = joined(luma, half, 1.0)
     # The mean of the colours, and at most four times what the brightness differs from its mean, 0.1 at most.
     assert np.abs(out).max() < 0.1 + 4 * 0.15
-
-
-@pytest.mark.parametrize("size", [(40, 50), (41, 51)])
-def test_steps_are_twice_as_large_at_half_the_size(size: tuple[int, int]) -> None:
-    """An odd last row or column has no partner."""
-    down, across = np.indices(size).astype(np.float32)
-    picture = np.stack([0.01 * across, 0.02 * down], axis=-1)
-    # The last column and row have no next. Steps of 0.02 between values up to 1 lose some digits in float32.
-    assert halved_gradient_energy(picture) == pytest.approx(0.02**2 * 24 / 25 + 0.04**2 * 19 / 20, rel=1e-4)
 
 
 @pytest.mark.parametrize("width", [4, CHUNK, CHUNK + 3])
@@ -189,6 +179,16 @@ def test_the_gradient_is_that_of_the_nats(stiffness):
     # The gains are found to 2 percent, which changes the gradient at second order.
     np.testing.assert_allclose(gradient.sum(axis=0), differences, rtol=0.05)
     assert (np.linalg.eigvalsh(fisher) > -1e-9).all()
+
+
+def test_tiles_are_fitted_alike_alone_and_together(monkeypatch):
+    """C fits each tile alone, 16 frequencies at a time; NumPy takes the steps of several tiles together."""
+    fits = [fit_gains(observed((1.0, 0.3)), LIGHTS, 20.0)]
+    monkeypatch.setattr(whittle, "fit_tiles", whittle.fit_tiles_numpy)
+    monkeypatch.setattr(whittle, "TOGETHER", 5)
+    fits.append(fit_gains(observed((1.0, 0.3)), LIGHTS, 20.0))
+    for alone, together in zip(*fits, strict=True):
+        np.testing.assert_allclose(alone, together, rtol=2e-6)  # float32 terms of sums
 
 
 def test_power_of_the_scene_does_not_count():

@@ -15,7 +15,6 @@ from numba.core.dispatcher import Dispatcher
 
 from rsdeblur import kernels
 from rsdeblur.kernels import native, why_pure
-from rsdeblur.kernels.noise import TilePowers
 from rsdeblur.kernels.rowwise import LANES, RowModel
 from rsdeblur.kernels.whittle import Tiles
 from tests import oracles
@@ -103,17 +102,13 @@ def lanes(arrays: Arrays) -> list[Any]:
     return [model(arrays), arrays(1, 2, LANES), *planes, arrays.scratch(4000)]
 
 
-# Cells that four pixels lie between.
-BETWEEN = np.array([0, 0, 0, 1]), np.array([1, 1, 1, 1]), np.zeros(4, np.float32)
 # First frequencies of three directions.
-SECTORS = np.array([0, 2, 5, 9])
-# Octave of each sector.
-OCTAVES = np.array([0, 0, 1])
+SECTORS = np.array([0, 2, 5, 9], np.int32)
 
 
 def tiles(arrays: Arrays) -> Tiles:
-    """Return four tiles, which two places share, in the layout of the package's own calls: they need no compilation."""
-    return Tiles(arrays(4, 9), arrays(4, 9), arrays(9, 2).T, np.array([0, 1, 1, 0]), SECTORS)
+    """Return four tiles, which two places share."""
+    return Tiles(arrays(4, 9), arrays(4, 9), arrays(2, 9), np.array([0, 1, 1, 0], np.int32), SECTORS)
 
 
 ARGUMENTS: dict[str, Callable[[Arrays], list[Any]]] = {
@@ -132,7 +127,7 @@ ARGUMENTS: dict[str, Callable[[Arrays], list[Any]]] = {
     "add_normal": lambda h: [h.pairs(2, 3, 5, 6), h.pairs(2, 5, 6), h.number(), False, h.pairs(2, 3, 5, 6), h(2, 5, 6)],
     "solve_normal": lambda h: [
         *(h.pairs(2, 3, 5, 6), h(2, 5, 6), h(5), h(6)),
-        *(h.number(), (h.number(), h.number(), h.number()), h.number(), h.number(), h.pairs(2, 3, 5, 6)),
+        *(h.number(), h(3), h.number(), h.number(), h.pairs(2, 3, 5, 6)),
     ],
     "workspace_size": lambda h: [model(h), h(1, 2, LANES), 6, True],
     "forward": lanes,
@@ -148,29 +143,24 @@ ARGUMENTS: dict[str, Callable[[Arrays], list[Any]]] = {
         ("shrunk_grad_adjoint", "shrunk_derivatives_adjoint"),
         lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h.scratch(10, 3, 8), h(5, 6, 3)],
     ),
+    "fit_tiles": lambda h: [
+        *(tiles(h), h(4, 2, 2, dtype=np.float64), h(2, dtype=np.float64), float(h.number())),
+        *(*(h(*shape, dtype=np.float64) for shape in ((4,), (4, 3), (4,))), np.empty((3, 3))),
+    ],
     "fit_gains": lambda h: [tiles(h), h(2, dtype=np.float64), float(h.number())],
     "extrapolate": lambda h: [h(5, 6, 3), h(5, 6, 3), h.number()],
-    "halved_gradient_energy": lambda h: [h(5, 7, 3)],
     "to_srgb": lambda h: [h(5, 7, 3)],
     "look_up": lambda h: [h(256), np.arange(256, dtype=np.uint8).repeat(2).reshape(16, 32), h(16, 32)],
-    "limit": lambda h: [h(5, 7, 3), 0, 2, 3, h(3, 3), h(3, 3, 4), h(3, 3, 4)],
-    "fade_to": lambda h: [h(4, 4, 3), h(4, 4, 3), h(2, 3), BETWEEN, (*BETWEEN[:2], h(4))],
     "separate": lambda h: [h(5, 7, 3)],
     "join": lambda h: [h(5, 7, 1), h(3, 4, 3), float(h.number()), h(5, 7, 3)],
-    "fit_floors": lambda h: [
-        TilePowers._make(
-            [*(h(*shape, dtype=np.float64).T for shape in ((9, 4), (9, 4), (9,), (9,), (4,))), SECTORS, OCTAVES]
-        ),
-        (1.0, 0.1),
-        3,
-        float(h.number()),
+    "fit_cells": lambda h: [
+        *(h(*shape, dtype=np.float64) for shape in ((4, 9), (4, 9), (9,))),
+        *(SECTORS, h(4, 3, dtype=np.float64), float(h.number()), h(4, 3, dtype=np.float64)),
+        h(4, 4, 3, dtype=np.float64),
     ],
-    "columns_around_origin": lambda h: [h(3, 12), h(6), 2, h(4, 10)],
-    "lowest_frequencies": lambda h: [h(2, 14), h(4), h(2, 8)],
     "invert": lambda h: [h(8, 12), h.number(), h.number(), 1, 2, h(3, 3, 4, 12)],
     "average_warps": lambda h: [h(6, 7, 3), h(5, 4, 3, 3, dtype=np.float64), 8],
     "sample": lambda h: [h(6, 7, 3), h(5, 8), h(5, 8)],
-    "combine": lambda h: [h(2, 37, 40), h(2, 4, 3), h(2), h(2, 4, 3, 3)],
     "row_directions": lambda h: [h(5, 3, dtype=np.float64), h(5, dtype=np.float64), h(8, 12, dtype=np.float64)],
     "pinhole_paths": lambda h: [
         *(h(2, 5, 3, 3, dtype=np.float64), h(2, 5, 3, dtype=np.float64), h(2, 3, 3, dtype=np.float64)),
@@ -204,9 +194,8 @@ def test_every_kernel_is_tried() -> None:
 OWN_LAWS = {"workspace_size", "solve", "pair", "unpair"}
 # Absolute tolerances of values of about 1 in float32: a few roundings, or
 TOLERANCES = {
-    "fit_gains": 1e-6,  # sums of float32 terms
+    **dict.fromkeys(("fit_gains", "fit_tiles"), 1e-6),  # sums of float32 terms
     "join": 1e-4,  # slopes up to 4, divided by variances down to FLAT
-    "combine": 2e-5,  # sums of some hundred values
     "rasterize": 2e-3,  # Gauss points across the kinks of the bilinear window
     **dict.fromkeys(("sample", "shrunk_grad_adjoint", "shrunk_derivatives_adjoint"), 1e-5),  # sums of 36 values
 }

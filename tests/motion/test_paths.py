@@ -12,6 +12,7 @@ from rsdeblur.choices import MOTIONS, Motion
 from rsdeblur.errors import ClockError, GapError
 from rsdeblur.motion import BlurPaths, Capture
 from rsdeblur.motion.alignment import Alignment, burst_captures
+from rsdeblur.pipeline.tiles import largest_derivative
 from rsdeblur.psf import tile_centres
 
 WIDTH, HEIGHT, FOCAL = 96, 64, 110.0
@@ -154,7 +155,7 @@ class TestChange:
         bands = _paths_with_the_times_of_the_probe(capture, tile_centres(number, HEIGHT), probe.cols)
         strips = _paths_with_the_times_of_the_probe(capture, probe.rows, tile_centres(number, WIDTH))
         for axis, tiles in enumerate((bands, strips)):
-            change = probe.largest_derivative(1, axis)
+            change = largest_derivative(probe, 1, axis)
             steps = np.linalg.norm(np.diff(tiles, axis=axis), axis=-1).max()
             # The grid is shorter than the picture by a pixel, 1.6 % here, and its 33 rows and 9 columns may miss a
             # little of the fastest change.
@@ -167,24 +168,6 @@ class TestChange:
 def _paths_with_the_times_of_the_probe(capture, rows, cols):
     samples = capture.probe.displacements.shape[2]
     return BlurPaths.from_capture(capture, rows, cols, samples=samples).displacements
-
-
-class TestRectify:
-    """Paths to the picture of a global shutter."""
-
-    @pytest.mark.parametrize("motion", MOTIONS)
-    def test_is_keep_for_a_global_shutter(self, shaky_log, motion):
-        keep, flat = (
-            paths_of(shaky_log(), camera_of(0.0), motion=motion, geometry=g, samples=21) for g in ("keep", "rectify")
-        )
-        np.testing.assert_allclose(flat.displacements, keep.displacements, atol=1e-9)
-
-    def test_holds_the_skew(self):
-        """At a constant rate about y, a row is displaced by the angle since the mid-exposure of the middle row."""
-        paths = paths_of(constant(0, 0.5, 0), camera_of(), cols=CENTRE[1], geometry="rectify", samples=5)
-        since = (ROWS[:, None] - 31.5) / HEIGHT * 0.03 + np.linspace(-0.02, 0.02, 5)
-        # Tolerance for the tangent, on a row that is a third of f away from the centre.
-        np.testing.assert_allclose(paths.displacements[:, 0, :, 0], -FOCAL * 0.5 * since, atol=0.01)
 
 
 CAMERA = Camera(160, 120, 180.0, readout_time=0.03)

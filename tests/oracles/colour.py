@@ -1,11 +1,10 @@
-"""Readable NumPy oracles of kernels: tone curves, colours and clipped light."""
+"""Readable NumPy oracles of kernels: tone curves and colours."""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from rsdeblur.kernels.chroma import BLUE, DARK, FLAT, GREEN, MOST_RATIO, RED, TINY
-from rsdeblur.kernels.mend import Between
 from rsdeblur.kernels.tone import END, GAMMA, OFFSET, SCALE, SLOPE
 from rsdeblur.types import Float32Array, FloatImage
 
@@ -41,39 +40,7 @@ def _doubled(values: NDArray[np.floating], shape: tuple[int, ...]) -> NDArray[np
     return values
 
 
-def limit_numpy(
-    rows: FloatImage, top: int, tall: int, wide: int, weight: Float32Array, least: Float32Array, most: Float32Array
-) -> None:
-    (height, width, channels), numbers = rows.shape, np.concatenate([weight[..., None], least, most], axis=2)
-    for axis, (first, count, step) in enumerate(((top, height, tall), (0, width, wide))):
-        cells = numbers.shape[axis]
-        place = np.clip((first + np.arange(count) + 0.5) / step - 0.5, 0.0, cells - 1.0)
-        before = place.astype(np.intp)
-        share = np.expand_dims((place - before).astype(np.float32), [1, 2] if axis == 0 else [0, 2])
-        one, other = (np.take(numbers, where, axis) for where in (before, np.minimum(before + 1, cells - 1)))
-        numbers = (1 - share) * one + share * other
-    here, low, high = np.split(numbers, [1, channels + 2], axis=2)
-    parts = _parts(np.copysign(np.sqrt(np.abs(rows)), rows))
-    bounded = parts.clip(low, high)
-    changed = bounded[..., :1] + bounded[..., 1:]
-    stays = (parts[..., :1] > 1) | ((bounded[..., :1] == parts[..., :1]) & (bounded == parts)[..., 1:])
-    rows += np.where(stays, 0, here * (changed * np.abs(changed) - rows))
-
-
-def _parts(roots: Float32Array) -> Float32Array:
-    """Return luma and chroma, shape (h, w, C + 1)."""
-    luma = roots.mean(axis=2, keepdims=True)
-    return np.concatenate([luma, roots - luma], axis=2)
-
-
 def to_srgb_numpy(light: Float32Array) -> tuple[NDArray[np.floating], bool]:
     magnitude = np.abs(light)
     values = np.where(magnitude <= END, magnitude * SLOPE, magnitude ** np.float32(1 / GAMMA) * SCALE - OFFSET)
     return np.copysign(values, light), bool(np.isfinite(light).all())
-
-
-def fade_to_numpy(sharp: FloatImage, blurred: FloatImage, weight: Float32Array, down: Between, across: Between) -> None:
-    (above, under, low), (left, right, far) = down, across
-    lines = weight[above] + low[:, None] * (weight[under] - weight[above])
-    share = lines[:, left] + far * (lines[:, right] - lines[:, left])
-    sharp += share[..., None] * (blurred - sharp)

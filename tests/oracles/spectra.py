@@ -3,35 +3,31 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.kernels.noise import TilePowers
 from rsdeblur.kernels.whittle import FAINTEST, LONGEST, SETTLED, STEPS, Tiles
 from rsdeblur.types import FloatArray
 
 
-def fit_floors_numpy(
-    tiles: TilePowers, start: tuple[float, float], steps: int, weight: float
-) -> tuple[FloatArray, float]:
-    starts, sizes = tiles.cells[:-1], np.diff(tiles.cells)
-    (squared, prior), bright = 2 * start[1:], tiles.brightness[:, None]
-    even = np.full(tiles.octaves.max() + 1, start[0] / 2)
-    brighter = even / bright.mean()
-    gains = np.add.reduceat(tiles.measured, starts, 1) / np.add.reduceat(tiles.blurred, starts, 1)
-    octave = np.repeat(tiles.octaves, sizes)
-    members = np.equal.outer(octave, np.arange(len(even)))
-    for _ in range(steps):
-        scene, floor = tiles.blurred + squared * tiles.error, even[octave] + brighter[octave] * bright
-        known = 1 / (np.repeat(gains, sizes, axis=1) * scene + floor * tiles.noise)
-        surprise = tiles.measured * known**2
-        gains = gains * np.add.reduceat(surprise * scene, starts, 1) / np.add.reduceat(known * scene, starts, 1)
-        each = np.repeat(gains, sizes, axis=1)
-        known = 1 / (each * scene + floor * tiles.noise)
-        surprise = tiles.measured * known**2
-        ups, downs = surprise * tiles.noise @ members, known * tiles.noise @ members
-        even = even * ups.sum(axis=0) / downs.sum(axis=0)
-        brighter = brighter * (ups * bright).sum(axis=0) / (downs * bright).sum(axis=0)
-        up, down = weight * prior / squared**2, weight / squared
-        squared *= (up + (each * surprise * tiles.error).sum()) / (down + (each * known * tiles.error).sum())
-    return even + brighter * bright.mean(), float(squared)
+def fit_cells_numpy(
+    measured: FloatArray,
+    blurred: FloatArray,
+    error: FloatArray,
+    cells: NDArray[np.intp],
+    floors: FloatArray,
+    squared: float,
+    gains: FloatArray,
+    sums: FloatArray,
+) -> None:
+    def total(power: FloatArray) -> FloatArray:
+        return np.add.reduceat(power, cells[:-1], axis=1)
+
+    def known() -> FloatArray:
+        return 1 / (np.repeat(gains, sizes, axis=1) * scene + np.repeat(floors, sizes, axis=1))
+
+    scene, sizes = blurred + squared * error, np.diff(cells)
+    gains *= total(measured * known() ** 2 * scene) / total(known() * scene)
+    surprise = measured * known() ** 2
+    sums[:2] = total(surprise), total(known())
+    sums[2:] = gains * total(surprise * error), gains * total(known() * error)
 
 
 def fit_gains_numpy(tiles: Tiles, levels: FloatArray, stiffness: float) -> tuple[FloatArray, FloatArray, FloatArray]:

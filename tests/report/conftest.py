@@ -5,7 +5,7 @@ import pytest
 
 from rsdeblur import Camera, Exposure, PsfBank
 from rsdeblur.io import Picture
-from rsdeblur.report.page import Finding, Page
+from rsdeblur.report.page import Page
 
 
 @pytest.fixture(scope="session")
@@ -34,7 +34,7 @@ def report_page(shaky_log):
             },
             transfer="srgb",
             settings={"Recording": {"gyro": photo}},
-            remarks=[Finding("warning", "Remark", remark)] if remark else [],
+            remarks=[("Warning", remark)] if remark else [],
         )
 
     return build

@@ -178,7 +178,6 @@ def test_sparse_weights_of_one_channel_are_smaller(sharp: np.ndarray) -> None:
     assert one.weight("gradient", 1.0) == three.weight("gradient", 1.0)
     for prior in ("tv", "hyper-laplacian"):
         assert one.weight(prior, 0.7) == pytest.approx(tuning.GREY_STRENGTH * three.weight(prior, 0.7))
-    assert one.wavelet().sparse.weight == pytest.approx(one.weight("hyper-laplacian", 2 / 3))
 
 
 def test_a_grey_picture_is_one_channel(sharp: np.ndarray) -> None:
