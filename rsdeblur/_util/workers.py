@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from itertools import islice
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children, get_context, parent_process
+from threading import Thread
 from typing import Any, TypeVar
 
 from rsdeblur._util import memory
@@ -44,7 +46,7 @@ def run(
         while True:
             for task in islice(waiting, len(idle)):
                 worker = idle.pop()
-                running[worker.submit(attempt, work, task)] = task, worker
+                running[_submit(worker, work, task)] = task, worker
             if not running:
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -67,13 +69,30 @@ def _worker() -> Executor:
     return ProcessPoolExecutor(1, get_context("spawn"), _begin)
 
 
+def _submit(worker: Executor, work: Callable[[Task], Answer], task: Task) -> Future[Any]:
+    try:
+        return worker.submit(attempt, work, task)
+    except BrokenExecutor as error:  # it died between two tasks
+        failed: Future[Any] = Future()
+        failed.set_exception(error)
+        return failed
+
+
 def _begin() -> None:
-    """Prepare a worker: it uses its memory again, and is ended by its parent, not by Ctrl-C."""
+    """Prepare a worker: it uses its memory again, and is ended by its parent or with it, not by Ctrl-C."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # removes an unfinished file
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):  # Windows has no SIGHUP
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     memory.keep()
+    parent = parent_process()
+    assert parent is not None
+
+    def follow() -> None:
+        parent.join()
+        os._exit(1)
+
+    Thread(target=follow, daemon=True).start()
 
 
 def attempt(work: Callable[[Task], Answer], task: Task) -> Answer | Failure:

@@ -50,7 +50,7 @@ def decode_heif(data: bytes, max_pixels: int) -> Picture:
     turns = _quarter_turns(data)
     pixels = np.ascontiguousarray(np.rot90(pixels, -turns))
     # In a HEIC file the block's own orientation does not count, but 0, 1, 2 and 3 quarter turns anticlockwise.
-    return of_info(file.info, pixels, with_orientation(file.info.get("exif"), (1, 8, 3, 6)[turns]))
+    return of_info(file.info, data, pixels, with_orientation(file.info.get("exif"), (1, 8, 3, 6)[turns]))
 
 
 def _quarter_turns(data: bytes) -> int:

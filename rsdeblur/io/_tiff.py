@@ -86,7 +86,8 @@ def of_page(page: tifffile.TiffPage, pixels: NDArray[Any], data: bytes) -> Pictu
     if data[:4] not in MAGIC[2:]:  # offsets in EXIF blocks have 32 bits, those of BigTIFF 64
         tags = tags_of(data, DESCRIPTIVE)
     xmp, iptc = (_tag_bytes(page, tag) for tag in (Base.XMLPacket, Base.IPTCNAA))
-    return Picture(pixels, block_of(tags) if tags else None, page.iccprofile, xmp, iptc)
+    has_parts = 0xCD41 in page.tags  # a C2PA manifest
+    return Picture(pixels, block_of(tags) if tags else None, page.iccprofile, xmp, iptc, has_parts)
 
 
 def _tag_bytes(page: tifffile.TiffPage, number: int) -> bytes | None:

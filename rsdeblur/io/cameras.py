@@ -22,7 +22,7 @@ from rsdeblur.io.columns import Cell
 from rsdeblur.io.gyro_binary import is_video
 from rsdeblur.io.gyro_logs import open_gyro
 from rsdeblur.io.gyroflow import is_gcsv
-from rsdeblur.io.metadata import MAKE, MODEL, Exif
+from rsdeblur.io.metadata import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.pictures import is_picture, read_header
 from rsdeblur.io.source import Format, Source, choose
 from rsdeblur.io.text import TextFile, cells_of, is_number
@@ -161,6 +161,10 @@ def _read_exif(source: Source, request: Request) -> CameraFile:
         Assumption("focal_length", text),
         Assumption("imu_to_camera", f"EXIF does not contain the axes of the gyro: {axes} is assumed"),
     ]
+    zoom = exif.number(ZOOM)
+    if zoom and zoom > 1:
+        text = f"the picture was zoomed {zoom:.3g} times digitally; the 35 mm equivalent may or may not include that"
+        assumed.append(Assumption("focal_length", text))
     facts: dict[str, Any] = {"make": exif.text(MAKE), "model": exif.text(MODEL), "orientation": exif.orientation}
     facts = {key: value for key, value in (facts | {"exposure_s": exif.exposure}).items() if value}
     fields: dict[str, Any] = {"size": (width, height), "focal_length": focal_length, "imu_to_camera": axes}

@@ -25,16 +25,17 @@ from rsdeblur.image.transfer import linear_profile
 from rsdeblur.motion.camera_values import focal35_px
 from rsdeblur.motion.gyro import GyroLog
 
-# Texts in XMP packets that describe what a result does not have: C2PA manifest, HDR gain map, motion photo, extended
-# packet, depth map, sounds, thumbnails.
+# Bytes that show, in a file or its XMP packet, parts that fit the original only: C2PA manifest, HDR gain map, pictures
+# behind the photo (MPF), video of a motion photo, extended XMP packet, depth maps, sounds, thumbnails.
 PARTS = (
-    *(b"hdrgm:", b"HDRGainMap:", b'"GainMap"', b">GainMap<", b"MotionPhoto", b"MicroVideo", b"HasExtendedXMP"),
-    *(b"/photos/1.0/", b"/photos/dd/1.0/device/", b"xmp:Thumbnails", b"dcterms:provenance"),
+    *(b"jumdc2pa", b"hdrgm:", b"HDRGainMap:", b'"GainMap"', b">GainMap<", b"aux:hdrgainmap", b"\0\0tmap\0"),
+    *(b"MPF\0II*\0", b"MPF\0MM\0*", b"MotionPhoto", b"MicroVideo", b"http://ns.adobe.com/xmp/extension/\0"),
+    *(b"/photos/1.0/", b"/photos/dd/1.0/device/", b"HasExtendedXMP", b"xmp:Thumbnails", b"dcterms:provenance"),
 )
 # Blocks of metadata, and the length of the longest in a JPEG.
 BLOCKS = {"exif": 65_533, "xmp": 65_502, "iptc": 65_500}
 
-MAKE, MODEL = Base.Make, Base.Model
+MAKE, MODEL, ZOOM = Base.Make, Base.Model, Base.DigitalZoomRatio
 # Time in EXIF minus the start of the exposure, s: cameras write the command, the end or the storing of the picture.
 # Some write whole seconds only, and the rest is missing.
 EXIF_ERROR, WHOLE_SECOND = (-1.0, 1.0), 1.0
@@ -57,6 +58,8 @@ class Picture:
         The XMP packet.
     iptc : bytes, optional
         The IPTC record.
+    has_parts : bool, default False
+        Whether the file has parts that fit the original only, such as gain maps and C2PA manifests.
     """
 
     pixels: NDArray[Any]
@@ -64,6 +67,7 @@ class Picture:
     icc_profile: bytes | None = None
     xmp: bytes | None = None
     iptc: bytes | None = None
+    has_parts: bool = False
 
     @property
     def transfer(self) -> Literal["srgb", "linear"]:
@@ -71,14 +75,15 @@ class Picture:
         return "linear" if self.pixels.dtype.kind == "f" or self.icc_profile == linear_profile() else "srgb"
 
 
-def of_info(info: Mapping[Any, Any], pixels: NDArray[Any], exif: bytes | None) -> Picture:
+def of_info(info: Mapping[Any, Any], data: bytes, pixels: NDArray[Any], exif: bytes | None) -> Picture:
     """Return the picture of a file, whose metadata are in `info` as Pillow names them."""
     xmp = info.get("xmp")
     xmp = xmp.encode() if isinstance(xmp, str) else xmp
     if exif and not exif.startswith(PREFIX):
         exif = PREFIX + exif
     profile, iptc = info.get("icc_profile"), info.get("photoshop", {}).get(0x0404)
-    return Picture(pixels, exif or None, profile, xmp or None, iptc or None)
+    has_parts = any(mark in data or mark in (xmp or b"") for mark in PARTS)
+    return Picture(pixels, exif or None, profile, xmp or None, iptc or None, has_parts)
 
 
 def renewed(old: Picture, pixels: NDArray[Any], kind: str) -> Picture:
@@ -88,8 +93,10 @@ def renewed(old: Picture, pixels: NDArray[Any], kind: str) -> Picture:
     if "exif" in blocks:
         blocks["exif"] = without_thumbnail(blocks["exif"])
     losses = []
+    if old.has_parts:
+        losses.append("parts that fit the original only (C2PA manifest, gain map, video, depth map or other pictures)")
     if any(part in blocks.get("xmp", b"") for part in PARTS):
-        losses.append("the XMP packet and what it describes: a gain map, video, depth map or manifest of the original")
+        losses.append("the XMP packet, which describes such parts")
         del blocks["xmp"]
     unfit = [name for name, block in blocks.items() if not _fits(name, block, kind)]
     losses += [f"the {name.upper()} block, which is damaged or has no room in {kind} files" for name in unfit]

@@ -69,8 +69,8 @@ def write_picture(
     Warns
     -----
     RsdeblurWarning
-        If the file cannot hold a block of metadata of `like`, or a result does not have what its XMP packet describes:
-        gain maps, motion photos, depth maps, C2PA manifests.
+        If `like` has parts that the file does not keep: gain maps, motion photos, C2PA manifests, the XMP packets that
+        describe them, blocks too long for JPEG, and those that PNG, WebP, TIFF or NumPy files cannot hold.
 
     Examples
     --------

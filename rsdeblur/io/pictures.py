@@ -155,7 +155,7 @@ def _decode(data: bytes, suffix: str) -> Picture:
             pixels = imagecodecs.png_decode(data)
         else:
             pixels = np.array(_with_plain_mode(image))
-        return of_info(image.info, pixels, image.info.get("exif"))
+        return of_info(image.info, data, pixels, image.info.get("exif"))
 
 
 def _with_plain_mode(image: Image.Image) -> Image.Image:

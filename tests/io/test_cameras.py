@@ -177,9 +177,10 @@ class TestExif:
         camera = open_camera(write(files.photo((400, 300), **tags), "a.jpg")).camera
         assert camera.focal_length[0] == pytest.approx(50 / 20 * 400, rel=1e-3)
 
-    def test_portrait(self, write: Write) -> None:
-        file = open_camera(write(files.photo((300, 400), f35=52), "a.jpg"))
+    def test_portrait_and_zoom(self, write: Write) -> None:
+        file = open_camera(write(files.photo((300, 400), f35=52, zoom=2.0), "a.jpg"))
         np.testing.assert_array_equal(file.camera.imu_to_camera, imu_to_camera("phone-portrait"))
+        assert any("zoomed 2 times" in assumption.text for assumption in file.assumptions)
 
 
 SAMPLES = {

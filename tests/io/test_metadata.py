@@ -167,12 +167,21 @@ def test_blocks_come_through(tmp_path: Path, kind: str, suffix: str) -> None:
         assert after.exif.index(NOTES) == before.exif.index(NOTES)
 
 
-@pytest.mark.parametrize("kind", ["phone.jpg", "a.heic"])
-def test_a_packet_about_other_parts_of_the_original_is_left_out(tmp_path: Path, kind: str) -> None:
-    with pytest.warns(RsdeblurWarning, match="left out of the result: the XMP packet and what it describes") as caught:
+@pytest.mark.parametrize(
+    ("kind", "lost"),
+    [
+        *((name, ("gain map", "XMP packet, which describes such parts")) for name in ("phone.jpg", "a.heic")),
+        *((name, ("C2PA",)) for name in ("a.tif", "a.png", "a.webp")),
+    ],
+)
+def test_parts_of_the_original_are_left_out_with_a_message(tmp_path: Path, kind: str, lost: tuple[str, ...]) -> None:
+    with pytest.warns(RsdeblurWarning, match="left out of the result") as caught:
         before, after = copied(photo(tmp_path, kind), ".jpg", tmp_path)
     assert len(caught) == 1
-    assert (before.xmp, after.xmp) == (LOST, None)
+    for word in lost:
+        assert word in str(caught[0].message)
+    assert not after.has_parts
+    assert after.xmp == (None if before.xmp == LOST else before.xmp)
     for mark in (b"c2pa", b"MPF"):
         assert mark not in (tmp_path / "copy.jpg").read_bytes()
 
