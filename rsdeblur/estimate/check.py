@@ -30,10 +30,13 @@ class Bounds(NamedTuple):
 
 
 class Alternative(NamedTuple):
-    """What is said where an alternative explains the picture better, and whether it does not make a result bad."""
+    """What is said where an alternative explains the picture better, and when that does not count."""
 
     hint: str
     is_harmless: bool = False
+    """Whether it does not make a result bad."""
+    refuted: float | None = None
+    """How much smaller log l1 / l2 must be with the motion, so that the alternative is not even doubtful."""
 
 
 # Lead of the motion over the best alternative, nats per tile; light below black as a share of the picture's contrast;
@@ -56,10 +59,10 @@ ALTERNATIVES = {
     "still": Alternative("no blur at all."),
     "mirrored": Alternative("the motion mirrored: is one of the gyroscope's axes reversed?"),
     "exchanged": Alternative("the motion with x and y exchanged: are the gyroscope's axes right?"),
-    "straight": Alternative("a straight blur: is it another moment's motion, or does the scene move?", True),
+    "straight": Alternative("a straight blur: is it another moment's motion, or does the scene move?", True, 0.01),
 } | {
     f"{size:g} times": Alternative(
-        f"{size:g} times the motion: are the focal length and the unit of the rates right?", size > 1
+        f"{size:g} times the motion: are the focal length and the unit of the rates right?", size > 1, 0.02
     )
     for size in SIZES
 }
@@ -80,7 +83,8 @@ class QualityCheck:
         Log-likelihood of the blurred picture under the motion minus that under the best alternative, in nats per tile,
         where no tile counts for more than 10; negative if the alternative wins, None if it cannot be judged.
     alternative : str or None
-        The best alternative; where one makes the result bad, the best of those that can.
+        The best alternative; where one makes the result bad, the best of those that can. Straight blurs and other sizes
+        of the motion, with which the sharp picture is clearly less clear, do not count otherwise.
     ringing : float
         Light below black that deblurring added, root mean square, as a share of the picture's standard deviation.
     detail : float or None
@@ -112,11 +116,23 @@ def assess(
         return _with_verdict(QualityCheck("cannot tell", (), None, None, ringing, None, None), evidence.unknown)
     leads = evidence.leads
     harmful = {name: lead for name, lead in leads.items() if not ALTERNATIVES[name].is_harmless}
-    compared = harmful if min(harmful.values()) < LEAD.bad else leads
+    compared = harmful if min(harmful.values()) < LEAD.bad else _not_refuted(evidence, threads)
     alternative = min(compared, key=compared.__getitem__)
     detail = evidence.tiles.detail(result, threads=threads)
     check = QualityCheck("cannot tell", (), leads[alternative], alternative, ringing, detail, evidence.half_turn)
     return _with_verdict(check)
+
+
+def _not_refuted(evidence: MotionEvidence, threads: int | None) -> dict[str, float]:
+    """Return the leads without those of alternatives that explain the picture better, but make it less clear.
+
+    Straight edges look like a straight blur, or like a smaller motion along them.
+    """
+    least = {name: each.refuted for name, each in ALTERNATIVES.items() if each.refuted is not None}
+    better = [name for name, lead in evidence.leads.items() if lead < LEAD.doubtful and name in least]
+    clearer = evidence.clearer(better, threads)
+    refuted = {name for name, more in zip(better, clearer, strict=True) if more > least[name]}
+    return {name: lead for name, lead in evidence.leads.items() if name not in refuted}
 
 
 def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:

@@ -46,13 +46,16 @@ class MotionEvidence:
 
     `tiles` is None where they say nothing, and the sentence `unknown` says why. `leads` has the lead of the motion
     over each alternative, nats per tile. `half_turn` is that of
-    :class:`rsdeblur.estimate.QualityCheck`.
+    :class:`rsdeblur.estimate.QualityCheck`. `clearer` takes names of straight blurs and other sizes, and a number of
+    threads, and returns how much clearer the sharp picture is with the motion than with each: differences of the
+    logarithm of l1 / l2 of the gradient.
     """
 
     tiles: CheckTiles | None = None
     unknown: str = ""
     leads: dict[str, float] = field(default_factory=dict)
     half_turn: float | None = None
+    clearer: Callable[[Sequence[str], int | None], list[float]] = field(default=lambda names, _: [0.0] * len(names))
 
     @classmethod
     def of(cls, encoded: EncodedImage, capture: Capture, *, threads: int | None = None) -> MotionEvidence:
@@ -68,13 +71,21 @@ class MotionEvidence:
         if not tiles.detailed:
             return cls(unknown="The picture shows no detail to judge the motion by.")
 
-        def turned() -> float:
-            return QuickSharpness(_reduced(encoded), moving).half_turn(moving)
+        def turned() -> tuple[QuickSharpness, float, float]:
+            sharpness = QuickSharpness(_reduced(encoded), moving)
+            own = sharpness.of(moving)
+            return sharpness, own, sharpness.half_turn(moving, own)
 
         # Each is too small to be shared, but they need not wait for each other.
         measures: tuple[Callable[[], Any], ...] = turned, tiles.alternatives
-        turn, leads = share_map(lambda measure: measure(), measures, threads)
-        return cls(tiles, "", leads, turn)
+        (sharpness, own, turn), (leads, line) = share_map(lambda measure: measure(), measures, threads)
+        others = {"straight": line} | {f"{size:g} times": size for size in SIZES}
+
+        def clearer(names: Sequence[str], threads: int | None) -> list[float]:
+            measures = sharpness.under_others(moving, [others[name] for name in names], threads=threads)
+            return [each - own for each in measures]
+
+        return cls(tiles, "", leads, turn, clearer)
 
     @classmethod
     def of_burst(cls, frames: Sequence[tuple[EncodedImage, Capture]], *, threads: int | None = None) -> MotionEvidence:
@@ -88,6 +99,7 @@ class MotionEvidence:
             "",
             {name: float(np.mean([evidence.leads[name] for evidence in judged])) for name in each[0].leads},
             float(np.mean([evidence.half_turn for evidence in judged])),
+            lambda names, threads: np.mean([evidence.clearer(names, threads) for evidence in judged], axis=0).tolist(),
         )
 
 
@@ -125,8 +137,11 @@ class CheckTiles:
         share(reduce, range(len(tops)), threads)
         return reduced, finest
 
-    def alternatives(self) -> dict[str, float]:
-        """Return the lead of the motion over each alternative, nats per tile."""
+    def alternatives(self) -> tuple[dict[str, float], FloatArray]:
+        """Return the lead of the motion over each alternative, and the path of the best straight blur.
+
+        Leads are in nats per tile, the path is in px of the picture, shape (T, 2).
+        """
         places = [np.arange(len(corners)) * CELL + 1 for corners in self._corners]
         measured = TilePeriodograms(_mosaic(self._blurred), *places)
         shape = tuple(map(len, places))
@@ -144,14 +159,16 @@ class CheckTiles:
         turned = np.swapaxes(self._kernels, 2, 3)
         still = np.ones((1, 1, 1, 1), dtype=np.float32)
         sized = {size: replace(self._paths, displacements=size * self._paths.displacements) for size in SIZES}
-        half = int(max(LINES) // 2) + 1
-        return {
+        lines, half = _lines(), int(max(LINES) // 2) + 1
+        straight = [lead(kernel[None, None]) for kernel in rasterize(lines, half, half, 1)]
+        leads = {
             "mirrored": lead(self._kernels[:, :, ::-1]),
             "exchanged": min(lead(turned), lead(turned[:, :, ::-1])),
             "still": lead(still),
-            "straight": min(lead(kernel[None, None]) for kernel in rasterize(_lines(), half, half, 1)),
+            "straight": min(straight),
             **{f"{size:g} times": lead(PsfBank.from_paths(paths, threads=1).kernels) for size, paths in sized.items()},
         }
+        return leads, self._step * lines[int(np.argmin(straight))]
 
     def detail(self, result: EncodedImage, *, threads: int | None) -> float | None:
         """Return the detail of the result, see :class:`rsdeblur.estimate.QualityCheck`."""

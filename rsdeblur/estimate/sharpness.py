@@ -13,6 +13,7 @@ motions. :class:`WholeSharpness`, for the few motions that a search finds, solve
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from rsdeblur._util.threads import share_map
 from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, DerivativePrior, brightness
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate.correction import Recording
@@ -86,7 +88,10 @@ class QuickSharpness:
 
     def _bank(self, recording: Moving, rows: FloatArray, cols: FloatArray) -> PsfBank:
         # So few PSFs are drawn sooner than threads start.
-        return PsfBank.from_paths(BlurPaths.from_capture(recording.capture(self._scale), rows, cols), threads=1)
+        return PsfBank.from_paths(self._paths(recording, rows, cols), threads=1)
+
+    def _paths(self, recording: Moving, rows: FloatArray, cols: FloatArray) -> BlurPaths:
+        return BlurPaths.from_capture(recording.capture(self._scale), rows, cols)
 
     def of(self, recording: Moving) -> float:
         """Return the mean logarithm of l1 / l2 of the gradient of the sharp tiles; infinite without a motion."""
@@ -99,18 +104,37 @@ class QuickSharpness:
         """Return what each tile contributes to that mean, shape (N,); errors where the log describes no motion."""
         return self._under(self._otfs(recording))
 
-    def half_turn(self, recording: Moving) -> float:
+    def half_turn(self, recording: Moving, own: float | None = None) -> float:
         """Return by how much that falls if the motion is turned by half a turn about the optical axis.
 
         The spectra of the blurred picture are the same then. Pictures of less than `LEAST_TURNED` px show too little to
-        tell: 0.
+        tell: 0. `own` is what :meth:`of` returns for the motion, if that is known.
         """
         if min(recording.camera.width, recording.camera.height) < LEAST_TURNED:
             return 0.0
         # A PSF turned by half a turn has the conjugate OTF.
-        otfs = self._otfs(recording)
-        own, turned = (float(self._under(each).sum()) for each in (otfs, otfs.conj()))
-        return own - turned
+        turned = float(self._under(self._otfs(recording).conj()).sum())
+        return (self.of(recording) if own is None else own) - turned
+
+    def under_others(
+        self, recording: Moving, others: Sequence[FloatArray | float], *, threads: int | None = 1
+    ) -> list[float]:
+        """Return the measure of :meth:`of` with motions that are other than a recording's.
+
+        A motion is a path that all pixels have, px of the upright picture, shape (T, 2), or a factor on the paths.
+        Threads share them; None means all processors.
+        """
+        own = self._paths(recording, *self._tiles.centres)
+
+        def measure(other: FloatArray | float) -> float:
+            if isinstance(other, float):
+                displacements = other * own.displacements
+            else:
+                displacements = np.broadcast_to(self._scale * other, (*own.displacements.shape[:2], *other.shape))
+            bank = PsfBank.from_paths(replace(own, displacements=displacements), threads=1)
+            return float(self._under(self._tiles.otfs(bank.kernels)).sum())
+
+        return share_map(measure, others, threads)
 
     def _otfs(self, recording: Moving) -> ComplexArray:
         return self._tiles.otfs(self._bank(recording, *self._tiles.centres).kernels)
