@@ -33,7 +33,7 @@ from rsdeblur.cli._photo import PhotoJob, Prepared, deblur_photo, prepare
 from rsdeblur.cli._types import PATH
 from rsdeblur.cli.deblur import default_output
 from rsdeblur.cli.demo import CAPTURE_LOG, KINDS, write_files
-from rsdeblur.errors import InputError, OutputError, RsdeblurError
+from rsdeblur.errors import CoverageError, InputError, OutputError, RsdeblurError
 from rsdeblur.image.encoded import check_size, display_values
 from rsdeblur.io.pictures import read_picture
 from rsdeblur.pipeline.options import Options
@@ -243,7 +243,11 @@ class Desk:
         """Return the arguments that a form means, and the strengths that they choose."""
         states = [file_state(Path(path_of(form, name))) for name in ("photo", *FILES)]
         words = arguments(form, {name: form.get("moved", {}).get(name) or form.get(name) for name in MOVED})
-        basis = self._basis(tuple(arguments(form)), *states)
+        try:
+            basis = self._basis(tuple(arguments(form)), *states)
+        except CoverageError:
+            # The slider may be what brings the exposure into the log.
+            basis = self._basis(tuple(words), *states)
         if power_of(form):
             name, value = basis.strength
             strength = f"{value * 10 ** power_of(form):.3g}"
