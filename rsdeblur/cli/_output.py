@@ -162,7 +162,7 @@ def refuse_inputs(output: Path) -> None:
 
 def prepare_folder(folder: Path, names: Iterable[str], *, force: bool, dry_run: bool = False) -> None:
     """Make `folder` if needed, but not in a dry run, and check that files called `names` may be written into it."""
-    if folder.suffix.lower() in rs.KINDS and not folder.is_dir():
+    if not folder.is_dir() and (folder.exists() or folder.suffix.lower() in rs.KINDS):
         raise OutputError(f"{folder}: the results are several files, so the output is a folder; give the name of one")
     if dry_run and not folder.exists():
         return
