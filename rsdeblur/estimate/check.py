@@ -114,13 +114,16 @@ def assess(
     ringing = meter.ringing()
     if evidence.tiles is None:
         return _with_verdict(QualityCheck("cannot tell", (), None, None, ringing, None, None), evidence.unknown)
-    leads = evidence.leads
-    harmful = {name: lead for name, lead in leads.items() if not ALTERNATIVES[name].is_harmless}
-    compared = harmful if min(harmful.values()) < LEAD.bad else _not_refuted(evidence, threads)
-    alternative = min(compared, key=compared.__getitem__)
+    alternative, lead = best_alternative(evidence, threads)
     detail = evidence.tiles.detail(result, threads=threads)
-    check = QualityCheck("cannot tell", (), leads[alternative], alternative, ringing, detail, evidence.half_turn)
-    return _with_verdict(check)
+    return _with_verdict(QualityCheck("cannot tell", (), lead, alternative, ringing, detail, evidence.half_turn))
+
+
+def best_alternative(evidence: MotionEvidence, threads: int | None) -> tuple[str, float]:
+    """Return the best alternative to the motion, and the lead over it; see :class:`QualityCheck`."""
+    harmful = {name: lead for name, lead in evidence.leads.items() if not ALTERNATIVES[name].is_harmless}
+    compared = harmful if min(harmful.values()) < LEAD.bad else _not_refuted(evidence, threads)
+    return min(compared.items(), key=lambda item: item[1])
 
 
 def _not_refuted(evidence: MotionEvidence, threads: int | None) -> dict[str, float]:

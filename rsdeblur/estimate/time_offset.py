@@ -20,7 +20,9 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import share_map
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import CoverageError, InputError
+from rsdeblur.estimate.check import ALTERNATIVES, best_alternative
 from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, Correction, Recording, Uncertainty
+from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.posterior import UNDESCRIBED, costs_of
 from rsdeblur.estimate.refine import exposures_of, grey_lights
 from rsdeblur.estimate.score import PROOFS, Score
@@ -37,6 +39,7 @@ from rsdeblur.estimate.search import (
     agree,
     rival_lead,
 )
+from rsdeblur.image.encoded import EncodedImage, upright
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
@@ -194,7 +197,7 @@ class _Clock:
         shifts: FloatArray,
         threads: int | None,
     ) -> None:
-        self._given, self._shifts = recordings, shifts
+        self._lights, self._given, self._shifts = lights, recordings, shifts
         longest = max((each.exposure for each in recordings), key=lambda each: each.duration)
         deviations = Uncertainty().deviations(recordings[0].camera, longest)
         # Measures need a recording that the log describes: the nearest to the one that is given.
@@ -258,7 +261,22 @@ class _Clock:
             return NOT_CLEAR
         if float(best.falls.mean()) * np.sqrt(len(best.falls)) < PROOFS["usual"].fall:
             return NOT_SHARPER
-        return "" if agree(best.falls) else DISAGREE
+        return self._explained_better(best) if agree(best.falls) else DISAGREE
+
+    def _explained_better(self, best: _Answer) -> str:
+        """Return which alternative explains the photos better than an answer; empty if none does.
+
+        Among many moments, there is one whose motion resembles any straight blur.
+        """
+        frames = []
+        for light, each in zip(self._lights, best.recordings, strict=True):
+            scale = max(light.shape) / max(each.camera.width, each.camera.height)
+            frames.append((EncodedImage.of(upright(light, each.camera, scale), "linear"), each.capture(scale)))
+        evidence = MotionEvidence.of_burst(frames, threads=self._score.threads)
+        if evidence.tiles is None:
+            return ""
+        name, lead = best_alternative(evidence, self._score.threads)
+        return f"the picture is explained better by {ALTERNATIVES[name].hint}" if lead < 0 else ""
 
     def _curve(self, progress: Progress) -> FloatArray:
         """Return how much less likely than the best the candidates are by the spectra, nats; infinite without a log."""
