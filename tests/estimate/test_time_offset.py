@@ -55,3 +55,13 @@ def test_axes_turned_by_half_a_turn_give_no_answer():
     found = find_time_offset(photo(GENTLE), GENTLE, camera, EXPOSURE, search=SEARCH)
     assert found.time_offset is None
     assert found.reason == OTHER_AXES
+
+
+def test_a_motion_that_the_log_lacks_is_not_found_at_another_moment():
+    """The photo has a straight blur, and some moment of the log has a motion that resembles it."""
+    steady = GyroLog(np.arange(0, 1.0, 0.005), np.tile([0.3, 0.5, 0.05], (200, 1)))
+    camera, exposure = Camera(320, 240, 350.0, readout_time=0.03), Exposure(0.5, 1 / 15)
+    picture = simulate(scene(260, 340), steady, camera, exposure, noise=0.005).blurred
+    log = hand_shake(1.2, seed=1, strength=1.5)
+    found = find_time_offset(picture, log, camera, exposure, search=(-0.3, 0.3))
+    assert found.time_offset is None
