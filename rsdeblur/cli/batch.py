@@ -71,7 +71,7 @@ Examples:
     "Folder to write to; by default MANIFEST-sharp or FOLDER-sharp beside it. PHOTOs have that of the first one's "
     "folder.",
     default=lambda sources, **_: _options.beside(sources[0] if len(sources) == 1 else sources[0].parent, SHARP),
-    more=("dry_run", "report"),
+    more=("dry_run",),
 )
 def command(**arguments: Any) -> None:
     """Deblur many photos."""
@@ -96,9 +96,6 @@ def run(
     prepare_folder(target.output, [BATCH], force=target.force or earlier is not None, dry_run=target.dry_run)
     begin = time.perf_counter()
     entries = _deblurred(items, replace(options, threads=threads), bool(refine), target, earlier or {}, jobs)
-    if target.report is not None and not target.dry_run:
-        title = sources[0].name if len(sources) == 1 else f"{len(sources)} photos"
-        rs.write_batch_page(target.report, entries, title=title)
     summary = _summary(entries) | {"seconds": time.perf_counter() - begin}
     if target.as_json:
         print_json(summary)
