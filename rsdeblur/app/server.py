@@ -20,7 +20,7 @@ import webbrowser
 from collections.abc import Callable, Mapping
 from html import escape
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -75,14 +75,14 @@ def _choices(name: str, chosen: object) -> str:
     return "".join(f"<option{' selected' if value == chosen else ''}>{value}</option>" for value in values)
 
 
-class LocalServer(ThreadingHTTPServer):
+class LocalServer(socketserver.ThreadingTCPServer):
     """Server of a page of HTML and its actions for the browser on this machine; port 0 is a free one.
 
     POST calls the action of its name with the form in its JSON body, and sends the answer as JSON, or the text of an
     error of rsdeblur. `upload` receives the name and the content of a file that the browser sends.
     """
 
-    daemon_threads = True
+    daemon_threads = allow_reuse_address = True
 
     def __init__(self, page: str, actions: Mapping[str, Action], upload: Upload, port: int = 0) -> None:
         self.page, self.actions, self.upload = page, actions, upload
@@ -91,12 +91,8 @@ class LocalServer(ThreadingHTTPServer):
             super().__init__((LOOPBACK, port), _Handler)
         except OSError as error:
             raise InputError(f"port {port}: {error.strerror}; leave it out to take a free one") from error
+        self.server_port = self.server_address[1]
         self.hosts = {f"{name}:{self.server_port}" for name in (LOOPBACK, "localhost")}
-
-    def server_bind(self) -> None:
-        """Bind without the look-up of a host name, which would be a request to the network."""
-        socketserver.TCPServer.server_bind(self)
-        self.server_name, self.server_port = LOOPBACK, self.server_address[1]
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Report an error in one line, but not that a browser has closed its connection before the answer."""

@@ -12,8 +12,8 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from contextlib import AbstractContextManager, suppress
+from dataclasses import asdict, replace
 from functools import lru_cache
 from itertools import chain, count
 from pathlib import Path
@@ -27,7 +27,7 @@ from rsdeblur.app.server import Uploads, plain
 from rsdeblur.choices import CAMERA
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import Inputs, naming, read_recording, with_exif
-from rsdeblur.cli._options import FILES, MANY_RESULTS, ONE_PHOTO, Recording, flag
+from rsdeblur.cli._options import FILES, MANY_RESULTS, ONE_PHOTO, Recording, Target, flag
 from rsdeblur.cli._output import capture_warnings, usage_as_input_error
 from rsdeblur.cli._photo import PhotoJob, Prepared, deblur_photo, prepare
 from rsdeblur.cli._types import PATH
@@ -47,6 +47,8 @@ LARGEST_CAMERA = 1 << 20
 MOVED = ("time_offset", "readout_time", "focal_length", "softness")
 # Options that the page sets; "more" contains the others.
 FIELDS = (*FILES, "index", "start", "start_ns", "duration", "orientation", *MOVED, "mode", "prior")
+
+BEGIN = {"stage": "read", "fraction": 0.0, "cancelled": False}
 
 Form = Mapping[str, Any]
 Action = Callable[[Form], Mapping[str, Any]]
@@ -86,22 +88,7 @@ def _example(folder: Path) -> dict[str, str]:
     return {name: str(path) for name, path in files.items()} | moment
 
 
-@dataclass(slots=True)
-class Job:
-    """Progress of the picture that is being saved."""
-
-    stage: str = "read"
-    fraction: float = 0.0
-    cancelled: bool = False
-
-    def move(self, stage: str, fraction: float) -> None:
-        """Note the progress, or end the work."""
-        if self.cancelled:
-            raise RsdeblurError("cancelled; nothing was written")
-        self.stage, self.fraction = stage, fraction
-
-
-class Desk:
+class Desk(AbstractContextManager["Desk"]):
     """Request handlers of the page, which offers `photos` and begins with the `given` options in its form.
 
     The last camera file is kept in the folder `settings`, and offered by the next start.
@@ -115,25 +102,22 @@ class Desk:
         self._busy = threading.Lock()
         self._basis = lru_cache(maxsize=8)(self._derived)
         self._example: dict[str, str] = {}
-        self._job = Job()
+        # Progress of the picture that is being saved.
+        self._job: dict[str, Any] = dict(BEGIN)
         actions: dict[str, Action] = {
             "start": self._start,
             "example": self._made,
             "open": self._open,
             "solve": self._solve,
             "save": self._save,
-            "progress": lambda form: asdict(self._job),
+            "progress": lambda form: dict(self._job),
             "cancel": self._cancel,
         }
         self.actions = {name: _plainly(action) for name, action in actions.items()}
 
-    def __enter__(self) -> Desk:
-        """Return the desk, which removes the files that it received at the end."""
-        return self
-
     def __exit__(self, *_: object) -> None:
         """End the saving and remove the files that the browser sent."""
-        self._job.cancelled = True
+        self._cancel({})
         with self._busy:
             self.uploads.close()
 
@@ -272,14 +256,20 @@ class Desk:
                 # The page has no --force.
                 raise OutputError(f"{output}: the file exists; choose another name")
             words, _ = self._tuned(form)
-            self._job = Job()
+            self._job |= BEGIN
             photo, recording, options = _parse.main(words, "rsdeblur deblur", standalone_mode=False)
-            job = PhotoJob(photo=photo, recording=recording, options=options, output=output)
-            return deblur_photo(job, self._job.move)
+            job = PhotoJob(photo=photo, recording=recording, options=options, target=Target(output))
+            return deblur_photo(job, self._move)
+
+    def _move(self, stage: str, fraction: float) -> None:
+        """Note the progress, or end the work."""
+        if self._job["cancelled"]:
+            raise RsdeblurError("cancelled; nothing was written")
+        self._job |= {"stage": stage, "fraction": fraction}
 
     def _cancel(self, form: Form) -> dict[str, Any]:
-        self._job.cancelled = True
-        return asdict(self._job)
+        self._job["cancelled"] = True
+        return dict(self._job)
 
 
 def _plainly(action: Action) -> Action:

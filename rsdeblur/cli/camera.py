@@ -82,7 +82,7 @@ def new(
 ) -> None:
     """Create a camera file from numbers."""
     if (focal_length is None) == (focal35 is None):
-        raise click.UsageError("give one of --focal-length and --focal35", ctx=click.get_current_context())
+        raise click.UsageError("give one of --focal-length and --focal35")
     width, height = size
     length: Any = focal_length[0] if focal_length and len(focal_length) == 1 else focal_length
     if focal35 is not None:
@@ -127,7 +127,7 @@ def import_(source: Path, format: str | None, focal35: float | None, target: Tar
     reading = {name: values.pop(name) for name in ("size", "name", "fps", "focal_length", "sensor_width")}
     if focal35 is not None:
         if reading["size"] is None or reading["focal_length"] is not None:
-            raise click.UsageError("--focal35 needs --size, and excludes --focal-length", click.get_current_context())
+            raise click.UsageError("--focal35 needs --size, and excludes --focal-length")
         reading["focal_length"] = rs.focal35_px(focal35, *reading["size"])
     file = rs.open_camera(source, format, **reading)
     camera = file.camera

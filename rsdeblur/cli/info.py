@@ -39,9 +39,9 @@ def command(files: tuple[Path, ...], recording: Recording, target: Target) -> No
     """
     named = [getattr(recording, name) for name in FILES]
     if any(named) and not all(named):
-        raise click.UsageError("--gyro, --camera and --capture are needed together", ctx=click.get_current_context())
+        raise click.UsageError("--gyro, --camera and --capture are needed together")
     if not files and not any(named):
-        raise click.UsageError("name a file, or --gyro, --camera and --capture", ctx=click.get_current_context())
+        raise click.UsageError("name a file, or --gyro, --camera and --capture")
     entries = []
     for entry in _entries(files, recording):
         entries.append(entry)
