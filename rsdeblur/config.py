@@ -20,6 +20,12 @@ def show_config() -> None:
     These are the versions of rsdeblur, Python and libraries; whether the C extension is in use, or why it is not; the
     compiler that built it, and the instruction set that it uses; the default number of threads; and the licence, with
     the libraries under the GPL that wheels of installed packages bring.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> rsdeblur.show_config()
+    rsdeblur ...
     """
     for name, value in facts().items():
         print(f"{name:9} {value}")

@@ -27,7 +27,7 @@ from rsdeblur.app.server import Uploads, plain
 from rsdeblur.choices import CAMERA
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import Inputs, naming, read_recording, with_exif
-from rsdeblur.cli._options import FILES, MANY_RESULTS, ONE_PHOTO, Recording, Target, flag
+from rsdeblur.cli._options import FILES, ONE_PHOTO, SOLVE, Recording, Target, flag
 from rsdeblur.cli._output import capture_warnings, usage_as_input_error
 from rsdeblur.cli._photo import PhotoJob, Prepared, deblur_photo, prepare
 from rsdeblur.cli._types import PATH
@@ -48,8 +48,6 @@ MOVED = ("time_offset", "readout_time", "focal_length", "softness")
 # Options that the page sets; "more" contains the others.
 FIELDS = (*FILES, "index", "start", "start_ns", "duration", "orientation", *MOVED, "mode", "prior")
 
-BEGIN = {"stage": "read", "fraction": 0.0, "cancelled": False}
-
 Form = Mapping[str, Any]
 Action = Callable[[Form], Mapping[str, Any]]
 
@@ -58,7 +56,7 @@ Action = Callable[[Form], Mapping[str, Any]]
 @click.command("deblur", add_help_option=False, context_settings={"default_map": {"saturation": "ignore"}})
 @click.argument("photo", type=PATH)
 @_options.recording_options(*ONE_PHOTO, required=())
-@_options.solve_options(*MANY_RESULTS)
+@_options.solve_options(*(name for name in SOLVE if name not in ("refine", "max_memory", "fallback")))
 def _parse(photo: Path, recording: Recording, options: Options) -> tuple[Path, Recording, Options]:
     return photo, with_exif(recording, photo), options
 
@@ -79,15 +77,6 @@ def _read(words: Sequence[str]) -> Prepared:
         return prepare(photo, recording, options, refine_anyway=False, inputs=inputs)
 
 
-def _example(folder: Path) -> dict[str, str]:
-    """Write an example, and return the path of its photo and its options."""
-    kind = KINDS["capture"]
-    write_files("capture", (640, 480), 0, folder, force=False)
-    files = {"photo": folder / "blurred.png", "gyro": folder / CAPTURE_LOG, "camera": folder / CAMERA}
-    moment = {"start": str(kind.start), "duration": str(kind.duration)}
-    return {name: str(path) for name, path in files.items()} | moment
-
-
 class Desk(AbstractContextManager["Desk"]):
     """Request handlers of the page, which offers `photos` and begins with the `given` options in its form.
 
@@ -102,8 +91,7 @@ class Desk(AbstractContextManager["Desk"]):
         self._busy = threading.Lock()
         self._basis = lru_cache(maxsize=8)(self._derived)
         self._example: dict[str, str] = {}
-        # Progress of the picture that is being saved.
-        self._job: dict[str, Any] = dict(BEGIN)
+        self._begin()
         actions: dict[str, Action] = {
             "start": self._start,
             "example": self._made,
@@ -119,7 +107,7 @@ class Desk(AbstractContextManager["Desk"]):
         """End the saving and remove the files that the browser sent."""
         self._cancel({})
         with self._busy:
-            self.uploads.close()
+            self.uploads.cleanup()
 
     def upload(self, name: str, content: bytes) -> dict[str, Any]:
         """Keep a file until the app ends, and return its path."""
@@ -131,8 +119,12 @@ class Desk(AbstractContextManager["Desk"]):
 
     def _made(self, form: Form) -> dict[str, Any]:
         """Write an example, and return its form."""
+        kind, folder = KINDS["capture"], self.uploads.new_folder()
         with self._busy:
-            self._example = filled(_example(self.uploads.new_folder()))
+            write_files("capture", (640, 480), 0, folder, force=False)
+        files = {"photo": folder / "blurred.png", "gyro": folder / CAPTURE_LOG, "camera": folder / CAMERA}
+        values = files | {"start": kind.start, "duration": kind.duration}
+        self._example = filled({name: str(value) for name, value in values.items()})
         return {"form": self._example}
 
     def _open(self, form: Form) -> dict[str, Any]:
@@ -256,10 +248,14 @@ class Desk(AbstractContextManager["Desk"]):
                 # The page has no --force.
                 raise OutputError(f"{output}: the file exists; choose another name")
             words, _ = self._tuned(form)
-            self._job |= BEGIN
+            self._begin()
             photo, recording, options = _parse.main(words, "rsdeblur deblur", standalone_mode=False)
             job = PhotoJob(photo=photo, recording=recording, options=options, target=Target(output))
             return deblur_photo(job, self._move)
+
+    def _begin(self) -> None:
+        # Progress of the picture that is being saved.
+        self._job: dict[str, Any] = {"stage": "read", "fraction": 0.0, "cancelled": False}
 
     def _move(self, stage: str, fraction: float) -> None:
         """Note the progress, or end the work."""

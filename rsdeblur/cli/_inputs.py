@@ -60,11 +60,8 @@ def photo_gravity(photo: Path, inputs: Inputs, recording: Recording) -> rs.Gravi
     return _gravity_of(photo, bottom, recording, inputs.camera, [inputs.exposure])
 
 
-def with_axes_of(gravity: rs.Gravity, inputs: Inputs, photo: Path) -> Inputs:
-    """Return the inputs with the axes that fit gravity, if there is one name for them."""
-    if len(gravity.fits) != 1:
-        return inputs
-    (name,) = gravity.fits
+def with_axes(name: str, inputs: Inputs, photo: Path) -> Inputs:
+    """Return the inputs with the axes that fit gravity."""
     warn(f"{photo}: deblurred with the axes {name}; if it is not upright, --refine keeps those of the camera file")
     return inputs._replace(camera=replace(inputs.camera, imu_to_camera=rs.imu_to_camera(name)))
 
@@ -76,7 +73,7 @@ def with_offset(inputs: Inputs, photo: Path) -> Inputs:
         found = rs.find_time_offset(
             picture.pixels, log, camera, exposure, search=exif_error(photo), transfer=picture.transfer, progress=move
         )
-    checked_offset(found, [photo])
+    check_offset(found, [photo])
     camera = found.camera
     LOG.info(
         f"{photo}: time offset {1e3 * camera.time_offset:.1f} ms (+- {1e3 * found.sd:.1f}), "
@@ -90,12 +87,11 @@ def exif_error(photo: Path) -> tuple[float, float]:
     return rs.capture_time(_exif(photo), photo.stem).error
 
 
-def checked_offset(found: rs.OffsetSearch, photos: Sequence[Path]) -> float:
-    """Return the time offset; raise `InputError` if the pictures do not determine it."""
+def check_offset(found: rs.OffsetSearch, photos: Sequence[Path]) -> None:
+    """Raise `InputError` if the pictures do not determine the time offset."""
     if found.time_offset is None:
         what = f"{photos[0]}: the picture does" if len(photos) == 1 else f"the {len(photos)} pictures do"
         raise InputError(f"{what} not determine the time offset: {found.reason} (likeliest {1e3 * found.best:.1f} ms)")
-    return found.time_offset
 
 
 def search_span(

@@ -188,8 +188,6 @@ SERIES = (*MANY, "numbered_from")
 FOLDER = tuple(name for name in SERIES if name != "index")
 CLIP = tuple(name for name in MANY if name != "index")
 SOLVE = tuple(each.name for each in fields(Options) if each.metadata.get("help"))
-# Of commands that show many results of one photo.
-MANY_RESULTS = tuple(name for name in SOLVE if name not in ("refine", "max_memory", "fallback"))
 
 
 def flag(name: str) -> str:
@@ -223,10 +221,7 @@ def _options_of(table: Any, names: Sequence[str], required: Sequence[str] = ()) 
 def _gathered(
     argument: str, options: Mapping[str, Decorator], make: Callable[[dict[str, Any], dict[str, Any]], Any]
 ) -> Decorator:
-    """Return a decorator that adds options, and passes them as one argument.
-
-    `make` returns it for their values and the other arguments of the command.
-    """
+    """Return a decorator that adds options, and passes what `make` returns for their values and the other arguments."""
 
     def decorate(function: Function) -> Function:
         @wraps(function)

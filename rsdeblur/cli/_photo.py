@@ -73,9 +73,8 @@ def prepare(
         is_timed = inputs is not None or recording.start != "exif"
         inputs = inputs or _inputs.read_inputs(photo, recording)
         gravity = _inputs.photo_gravity(photo, inputs, recording)
-        if gravity.contradicts and not refine_anyway:
-            given, inputs = inputs, _inputs.with_axes_of(gravity, inputs, photo)
-            gravity = gravity if inputs is given else rs.Gravity("bottom")
+        if gravity.contradicts and not refine_anyway and len(gravity.fits) == 1:
+            inputs, gravity = _inputs.with_axes(gravity.fits[0], inputs, photo), rs.Gravity("bottom")
         inputs = inputs if is_timed else _inputs.with_offset(inputs, photo)
         options = replace(options, transfer=_inputs.transfer_of(inputs.picture, options.transfer))
     # With wrong axes, a correction may make the motion more like the right one, but never right.

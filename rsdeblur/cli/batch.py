@@ -194,10 +194,7 @@ def work(task: tuple[int, PhotoJob, bool]) -> dict[str, Any]:
 
 
 def _recipe(job: PhotoJob) -> str:
-    """Return a text that changes with all that the result depends on: its settings and its files.
-
-    Files are compared by name, size and date, so that a folder may be moved.
-    """
+    """Return a text that changes with settings and files, by name, size and date: a folder may be moved."""
     # Any number of threads gives the same bits.
     settings = [replace(job.options, threads=None), job.refine_anyway]
     settings += [value for key, value in asdict(job.recording).items() if key not in FILES]

@@ -112,7 +112,14 @@ def compare_modes(
         for mode in modes:
             report["modes"][mode] |= rs.similarity(shown[mode], sharp)
         shown["truth"] = sharp
-    _draw(target, shown, compared.banks, report["modes"])
+    labels = {
+        mode: "global, one PSF" if mode == "global" else f"{mode}, {facts['bands']} x {facts['strips']} PSFs"
+        for mode, facts in report["modes"].items()
+    }
+    panels = {labels.get(name, name): values for name, values in shown.items()}
+    rs.write_picture(target.output / SHEET, rs.side_by_side(panels), force=target.force)
+    drawing = rs.psf_map(list(compared.banks.values())[-1], shown["input"].shape, picture=shown["input"])
+    rs.write_picture(target.output / MAP, drawing, force=target.force)
     if page is not None:
         rs.write_page(page, compared.completed(asdict(recording), options, texts))
         report["report"] = str(page)
@@ -153,16 +160,3 @@ def _read_truth(truth: Path, photo: Path, picture: rs.Picture, transfer: Transfe
             "give one of the same size and channels"
         )
     return rs.display_values(sharp.pixels, transfer_of(sharp, transfer))
-
-
-def _draw(
-    target: Target, shown: dict[str, rs.NDArray[Any]], banks: Mapping[str, rs.PsfBank], modes: dict[str, Any]
-) -> None:
-    labels = {
-        mode: "global, one PSF" if mode == "global" else f"{mode}, {facts['bands']} x {facts['strips']} PSFs"
-        for mode, facts in modes.items()
-    }
-    panels = {labels.get(name, name): values for name, values in shown.items()}
-    rs.write_picture(target.output / SHEET, rs.side_by_side(panels), force=target.force)
-    drawing = rs.psf_map(list(banks.values())[-1], shown["input"].shape, picture=shown["input"])
-    rs.write_picture(target.output / MAP, drawing, force=target.force)

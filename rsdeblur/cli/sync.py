@@ -74,4 +74,4 @@ def command(
             written = str(recording.camera)
             lines.append(f"written to {written}")
     target.show(rs.offset_facts(found) | {"written": written}, *lines)
-    _inputs.checked_offset(found, photos)
+    _inputs.check_offset(found, photos)
