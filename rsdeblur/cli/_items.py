@@ -68,13 +68,12 @@ def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[tuple[int,
     for item in items:
         # Some disks do not tell upper case from lower case.
         other, result = writers.setdefault(str(item.output).casefold(), item), folder / item.output
-        if item.error is None and other is not item:
-            item = replace(
-                item, error=f"{item.photo}: {other.photo} has the same result, {result}; name another output"
-            )
-        elif item.error is None and not inputs.isdisjoint(_places([result])):
-            item = replace(item, error=f"{item.photo}: {result} is an input too; name another output")
-        yield item
+        clash = None
+        if other is not item:
+            clash = f"{item.photo}: {other.photo} has the same result, {result}; name another output"
+        elif not inputs.isdisjoint(_places([result])):
+            clash = f"{item.photo}: {result} is an input too; name another output"
+        yield replace(item, error=item.error or clash)
 
 
 def _places(paths: Iterable[Path]) -> set[tuple[int, ...]]:
