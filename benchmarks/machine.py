@@ -8,7 +8,7 @@ import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-import rsdeblur
+from rsdeblur import config
 
 # Load above which other processes disturb the times.
 BUSY = 0.5
@@ -25,7 +25,7 @@ def facts() -> dict[str, str]:
         "caches": _caches(),
         "memory": _memory(),
         "system": f"{platform.system()} {platform.machine()}",
-        **rsdeblur.show_config(mode="dict"),
+        **config.facts(),
         **{name: _version(name) for name in PEERS},
     }
 

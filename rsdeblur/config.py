@@ -5,10 +5,8 @@ from __future__ import annotations
 import platform
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
-from typing import Literal, overload
 
 from rsdeblur import _config
-from rsdeblur._util import validate
 from rsdeblur.kernels import native, why_pure
 
 LIBRARIES = ("numpy", "scipy", "numba", "pyfftw")
@@ -16,47 +14,31 @@ LIBRARIES = ("numpy", "scipy", "numba", "pyfftw")
 GPL = {"pyfftw": "FFTW", "pillow-heif": "x265", "av": "x264 and x265"}
 
 
-@overload
-def show_config(mode: Literal["stdout"] = "stdout") -> None: ...
-
-
-@overload
-def show_config(mode: Literal["dict"]) -> dict[str, str]: ...
-
-
-def show_config(mode: Literal["stdout", "dict"] = "stdout") -> dict[str, str] | None:
+def show_config() -> None:
     """Print how rsdeblur was built and what it uses on this machine.
 
-    Parameters
-    ----------
-    mode : {"stdout", "dict"}
-        "stdout" prints the facts; "dict" returns them.
-
-    Returns
-    -------
-    dict of str or None
-        Versions of rsdeblur, Python and libraries; `cext`, which is "in use" or says why the C extension is not used;
-        the compiler that built it, and the instruction set that it uses, or "none"; the default number of threads; and
-        the licence, with the libraries under the GPL that wheels of installed packages bring. None for "stdout".
-
-    Raises
-    ------
-    InputError
-        If `mode` is neither "stdout" nor "dict".
+    These are the versions of rsdeblur, Python and libraries; whether the C extension is in use, or why it is not; the
+    compiler that built it, and the instruction set that it uses; the default number of threads; and the licence, with
+    the libraries under the GPL that wheels of installed packages bring.
 
     Examples
     --------
     >>> import rsdeblur
-    >>> rsdeblur.show_config("dict")["rsdeblur"] == rsdeblur.__version__
-    True
+    >>> rsdeblur.show_config()
+    rsdeblur ...
     """
+    for name, value in facts().items():
+        print(f"{name:9} {value}")
+
+
+def facts() -> dict[str, str]:
+    """Return what :func:`show_config` prints."""
     # Not at the top: pyFFTW takes long to load, and threads load it too.
     from pyfftw import fftw_version
 
     from rsdeblur._util.threads import thread_count
 
-    validate.choice("mode", mode, ("stdout", "dict"))
-    facts = {
+    return {
         "rsdeblur": _config.VERSION,
         "python": platform.python_version(),
         **{name: version(name) for name in LIBRARIES},
@@ -67,11 +49,6 @@ def show_config(mode: Literal["stdout", "dict"] = "stdout") -> dict[str, str] | 
         "threads": str(thread_count(None)),
         "licence": f"BSD-3-Clause; under the GPL in wheels of dependencies: {_gpl()}",
     }
-    if mode == "dict":
-        return facts
-    for name, value in facts.items():
-        print(f"{name:9} {value}")
-    return None
 
 
 def _gpl() -> str:

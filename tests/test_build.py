@@ -9,10 +9,8 @@ from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
-import pytest
-
 import rsdeblur
-from rsdeblur import InputError
+from rsdeblur import config
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = Path(rsdeblur.__file__).parent
@@ -143,25 +141,23 @@ def test_public_names_resolve():
     assert not any(set(rsdeblur.__all__) & set(package.__all__) for package in packages)
 
 
-def test_show_config_prints_what_it_returns(capsys):
-    facts = rsdeblur.show_config(mode="dict")
+def test_show_config_prints_the_facts(capsys):
+    facts = config.facts()
     assert facts["rsdeblur"] == rsdeblur.__version__
     # What a dependency's wheel brings is said where a user asks what is installed.
     assert "GPL" in facts["licence"]
     assert "FFTW (pyfftw)" in facts["licence"]
-    assert rsdeblur.show_config() is None
+    rsdeblur.show_config()
     printed = capsys.readouterr().out
     assert all(value in printed for value in facts.values())
-    with pytest.raises(InputError, match="mode must be one of"):
-        rsdeblur.show_config(mode="html")
 
 
 def test_the_environment_turns_the_extension_off(tmp_path):
     code = """
-import rsdeblur
+from rsdeblur import config
 from rsdeblur.kernels import spectral
 assert spectral.multiply is spectral.multiply_numpy and spectral.blend is spectral.blend_numpy
-print(rsdeblur.show_config(mode="dict")["cext"])
+print(config.facts()["cext"])
 """
     process = python(code, cwd=tmp_path, RSDEBLUR_PURE="1")
     assert process.stdout.startswith("not in use (the environment variable RSDEBLUR_PURE is set)"), process.stderr

@@ -409,7 +409,6 @@ CALLS: dict[str, Door] = {
     "read_camera: size": lambda x: rs.read_camera("camera.toml", size=x),
     "write_picture: force": lambda x: rs.write_picture("a.png", PIXELS, force=x),
     "to_linear: transfer": lambda x: rs.to_linear(PLAIN, x),
-    "show_config: mode": rs.show_config,
 }
 # Values that an argument does take.
 FITS = {("deblur: max_memory", "huge"), ("deconvolve: max_memory", "huge")}

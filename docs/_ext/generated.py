@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import inspect
 import re
+import tomllib
 from collections.abc import Iterable, Iterator
 from importlib import import_module
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,7 @@ from sphinx.util.nodes import make_refnode
 
 import rsdeblur
 from rsdeblur.cli import main
-from rsdeblur.cli._output import SCHEMA, records
+from rsdeblur.cli._output import SCHEMA
 
 # Modules for users, beside the names of `rsdeblur` itself, in the order of the package's ladder.
 MODULES = (
@@ -35,6 +37,8 @@ MODULES = (
 )  # fmt: skip
 
 
+# The stable keys of each kind of record, with their meanings.
+RECORDS = tomllib.loads(files("rsdeblur.cli").joinpath("schema.toml").read_text("utf-8"))
 JSON = """Each command with ``--json`` prints one value, which has ``schema``: {schema}. That number rises when a key of
 this list is removed or changes its meaning. Other keys may change. A key with ``?`` may be missing. ``[]`` is an item
 of a list, ``*`` a name of a map. The files ``batch.json``, ``compare.json`` and ``triage.json`` are as their commands
@@ -86,7 +90,7 @@ def command_section(context: click.Context, title: str | None = None, line: str 
 
 def described(kind: str, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Yield the path of each stable key of a kind, like ``modes.*.check.verdict``, and its meaning."""
-    for name, key in records()[kind].items():
+    for name, key in RECORDS[kind].items():
         if isinstance(key, str):
             yield prefix + name, key
         else:
@@ -96,10 +100,11 @@ def described(kind: str, prefix: str = "") -> Iterator[tuple[str, str]]:
 
 def json_page() -> str:
     """Return the page that lists the stable keys of what commands print as JSON."""
-    table = records()
-    inner = {kind for keys in table.values() for key in keys.values() if isinstance(key, dict) for kind in key.values()}
+    inner = {
+        kind for keys in RECORDS.values() for key in keys.values() if isinstance(key, dict) for kind in key.values()
+    }
     parts = [heading("JSON schema", "="), JSON.format(schema=SCHEMA)]
-    for kind in table:
+    for kind in RECORDS:
         if kind not in inner:
             parts.append(heading(kind, "-"))
             parts += [f"``{name}``\n   {text}\n" for name, text in described(kind)]

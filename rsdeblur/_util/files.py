@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from rsdeblur.errors import FileFormatError, InputError, OutputError
+from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurError
 
 # FFmpeg's names of the containers that are read. It recognises a file by its content, and reads pictures as videos too,
 # and playlists, which make it open other files.
@@ -32,17 +32,23 @@ def checked_path(path: str | os.PathLike[str]) -> Path:
     raise InputError(f"path must be the path of a file, got {type(path).__name__}")
 
 
+@contextmanager
+def _regular(path: Path, fault: type[RsdeblurError], action: str) -> Iterator[None]:
+    """Raise `fault` if `path` is something else than a regular file, or if the block fails."""
+    try:
+        # Opening a pipe waits for its writer, and writing would replace it.
+        if path.exists() and not path.is_file():
+            raise OSError(f"it is {'a folder' if path.is_dir() else 'a pipe or a device'}; give a regular file")
+        yield
+    except (OSError, ValueError) as error:  # ValueError: NUL or lone surrogates, which no name can have
+        raise fault(f"{path}: cannot {action}: {getattr(error, 'strerror', None) or error}") from error
+
+
 def open_file(path: str | os.PathLike[str], what: str) -> BinaryIO:
     """Open a regular file for reading, which the caller closes; a `FileFormatError` calls it a `what`."""
     path = checked_path(path)
-    try:
-        # Opening a pipe waits for its writer.
-        if path.is_file() or not path.exists():
-            return open(path, "rb")
-    except (OSError, ValueError) as error:  # ValueError: NUL or lone surrogates, which no name can have
-        raise FileFormatError(f"{path}: cannot read the {what}: {getattr(error, 'strerror', None) or error}") from error
-    kind = "a folder; give a file" if path.is_dir() else "a pipe or a device; save its output to a file first"
-    raise FileFormatError(f"{path}: cannot read the {what}: it is {kind}")
+    with _regular(path, FileFormatError, f"read the {what}"):
+        return open(path, "rb")
 
 
 def read_file(path: str | os.PathLike[str], what: str, size: int = -1) -> bytes:
@@ -110,11 +116,5 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 def _target(path: str | os.PathLike[str]) -> Path:
     """Return the file that `path` points to; refuse a folder, a pipe or a device."""
     path = checked_path(path)
-    try:
-        target = Path(os.path.realpath(path))
-        if target.is_file() or not target.exists():
-            return target
-    except (OSError, ValueError) as error:  # a name that no file can have
-        raise OutputError(f"{path}: cannot write the file: {getattr(error, 'strerror', None) or error}") from error
-    kind = "a folder has this name" if target.is_dir() else "it is a pipe or a device, which would be replaced"
-    raise OutputError(f"{path}: cannot write the file: {kind}")
+    with _regular(path, OutputError, "write the file"):
+        return Path(os.path.realpath(path))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import dataclasses
 import html
 import inspect
 import numbers
@@ -44,16 +43,12 @@ def one_line(*names: str) -> Callable[[Class], Class]:
 
 def _arguments(thing: Any) -> dict[str, Any]:
     """Return the arguments of the constructor that are attributes and differ from their default."""
-    parameters = inspect.signature(type(thing)).parameters.values()
-    values = {each.name: getattr(thing, each.name) for each in parameters if hasattr(thing, each.name)}
-    defaults = {each.name: each.default for each in parameters}
-    fields = dataclasses.fields(thing) if dataclasses.is_dataclass(thing) else ()
-    hidden = {each.name for each in fields if not each.repr}
-    return {
-        name: value
-        for name, value in values.items()
-        if name not in hidden and (isinstance(value, np.ndarray) or value != defaults[name])
-    }
+    fields, shown = getattr(thing, "__dataclass_fields__", {}), {}
+    for name, each in inspect.signature(type(thing)).parameters.items():
+        value = getattr(thing, name, each.default)
+        if (name not in fields or fields[name].repr) and (isinstance(value, np.ndarray) or value != each.default):
+            shown[name] = value
+    return shown
 
 
 def brief(value: Any) -> str:

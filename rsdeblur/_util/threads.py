@@ -57,11 +57,7 @@ class ThreadTeam:
                 self._taken = False
 
     def share(self, work: Callable[[int, int], None], tasks: Sequence[int]) -> None:
-        """Call `work(thread, task)` for every task.
-
-        Each thread takes the next task that is left. Threads are numbered from 0, the calling one; there are never more
-        than tasks.
-        """
+        """Call `work(thread, task)` for every task; threads have numbers from 0, the calling one, fewer than tasks."""
         _share(self._pool, self.threads, work, tasks)
 
 

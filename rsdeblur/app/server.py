@@ -20,7 +20,7 @@ import webbrowser
 from collections.abc import Callable, Mapping
 from html import escape
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -75,14 +75,14 @@ def _choices(name: str, chosen: object) -> str:
     return "".join(f"<option{' selected' if value == chosen else ''}>{value}</option>" for value in values)
 
 
-class LocalServer(ThreadingHTTPServer):
+class LocalServer(socketserver.ThreadingTCPServer):
     """Server of a page of HTML and its actions for the browser on this machine; port 0 is a free one.
 
     POST calls the action of its name with the form in its JSON body, and sends the answer as JSON, or the text of an
     error of rsdeblur. `upload` receives the name and the content of a file that the browser sends.
     """
 
-    daemon_threads = True
+    daemon_threads = allow_reuse_address = True
 
     def __init__(self, page: str, actions: Mapping[str, Action], upload: Upload, port: int = 0) -> None:
         self.page, self.actions, self.upload = page, actions, upload
@@ -91,12 +91,8 @@ class LocalServer(ThreadingHTTPServer):
             super().__init__((LOOPBACK, port), _Handler)
         except OSError as error:
             raise InputError(f"port {port}: {error.strerror}; leave it out to take a free one") from error
+        self.server_port = self.server_address[1]
         self.hosts = {f"{name}:{self.server_port}" for name in (LOOPBACK, "localhost")}
-
-    def server_bind(self) -> None:
-        """Bind without the look-up of a host name, which would be a request to the network."""
-        socketserver.TCPServer.server_bind(self)
-        self.server_name, self.server_port = LOOPBACK, self.server_address[1]
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Report an error in one line, but not that a browser has closed its connection before the answer."""
@@ -111,11 +107,7 @@ class LocalServer(ThreadingHTTPServer):
 
 
 class _Refusal(Exception):
-    """A request that is refused, with its status and reason."""
-
-    def __init__(self, status: HTTPStatus, reason: str) -> None:
-        super().__init__(reason)
-        self.status = status
+    """A request that is refused, with its status and reason as arguments."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -126,26 +118,21 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = 30
 
     def do_GET(self) -> None:
-        """Send the page."""
-        try:
-            name, _ = self._name()
-            if name:
-                raise _Refusal(HTTPStatus.NOT_FOUND, "no such page")
-            self._send(HTTPStatus.OK, "text/html; charset=utf-8", self.server.page.encode())
-        except _Refusal as refusal:
-            self.send_error(refusal.status, str(refusal))
-
-    def do_POST(self) -> None:
-        """Run an action, or receive a file."""
+        """Send the page; run an action, or receive a file, which are for POST."""
         try:
             name, query = self._name()
-            if name != "upload" and name not in self.server.actions:
-                raise _Refusal(HTTPStatus.NOT_FOUND, "no such action")
-            body = self._body(*(FILE if name == "upload" else FORM))
-            status, answer = self._answer(name, query, body)
-            self._send(status, FORM[0], json.dumps(answer).encode())
+            if self.command == "GET" and not name:
+                self._send(HTTPStatus.OK, "text/html; charset=utf-8", self.server.page.encode())
+            elif self.command == "POST" and (name == "upload" or name in self.server.actions):
+                body = self._body(*(FILE if name == "upload" else FORM))
+                status, answer = self._answer(name, query, body)
+                self._send(status, FORM[0], json.dumps(answer).encode())
+            else:
+                raise _Refusal(HTTPStatus.NOT_FOUND, "no such page or action")
         except _Refusal as refusal:
-            self.send_error(refusal.status, str(refusal))
+            self.send_error(*refusal.args)
+
+    do_POST = do_GET
 
     def _name(self) -> tuple[str, str]:
         """Return the name after the token and the query, of a request that may come from our page."""
@@ -204,23 +191,15 @@ class _Handler(BaseHTTPRequestHandler):
         """Print nothing: addresses contain the token."""
 
 
-class Uploads:
-    """Files that the browser sent, each in a folder of its own, so that equal names are different files.
-
-    Only this user can read them, and they are removed at the end.
-    """
+class Uploads(TemporaryDirectory[str]):
+    """Files that the browser sent, for this user only: each in its own folder, as others may have the same name."""
 
     def __init__(self) -> None:
-        self._temporary = TemporaryDirectory(prefix=PREFIX, ignore_cleanup_errors=True)
-        self._folder = Path(self._temporary.name)
-
-    def close(self) -> None:
-        """Remove the files."""
-        self._temporary.cleanup()
+        super().__init__(prefix=PREFIX, ignore_cleanup_errors=True)
 
     def new_folder(self) -> Path:
         """Make a folder, which is removed at the end."""
-        return Path(mkdtemp(dir=self._folder))
+        return Path(mkdtemp(dir=self.name))
 
     def keep(self, name: str, content: bytes) -> Path:
         """Write a file, and return its path, which has the last part of `name`."""
@@ -240,11 +219,11 @@ class Uploads:
 
     def has(self, path: Path) -> bool:
         """Return whether a path leads to one of the files."""
-        return path.is_relative_to(self._folder)
+        return path.is_relative_to(self.name)
 
     def browse(self, address: str) -> None:
         """Open `address`, which has the token, through a private file: every user sees a browser's arguments."""
-        path, url = self._folder / "open.html", escape(address)
+        path, url = Path(self.name) / "open.html", escape(address)
         page = f'<meta http-equiv="refresh" content="0; url={url}"><a href="{url}">rsdeblur app</a>\n'
         path.write_text(f'<!doctype html><meta charset="utf-8"><title>rsdeblur app</title>{page}')
         # Some browsers return only when they are closed.

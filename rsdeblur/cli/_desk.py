@@ -12,8 +12,8 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from contextlib import AbstractContextManager, suppress
+from dataclasses import asdict, replace
 from functools import lru_cache
 from itertools import chain, count
 from pathlib import Path
@@ -27,7 +27,7 @@ from rsdeblur.app.server import Uploads, plain
 from rsdeblur.choices import CAMERA
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import Inputs, naming, read_recording, with_exif
-from rsdeblur.cli._options import FILES, MANY_RESULTS, ONE_PHOTO, Recording, flag
+from rsdeblur.cli._options import FILES, ONE_PHOTO, SOLVE, Recording, Target, flag
 from rsdeblur.cli._output import capture_warnings, usage_as_input_error
 from rsdeblur.cli._photo import PhotoJob, Prepared, deblur_photo, prepare
 from rsdeblur.cli._types import PATH
@@ -56,7 +56,7 @@ Action = Callable[[Form], Mapping[str, Any]]
 @click.command("deblur", add_help_option=False, context_settings={"default_map": {"saturation": "ignore"}})
 @click.argument("photo", type=PATH)
 @_options.recording_options(*ONE_PHOTO, required=())
-@_options.solve_options(*MANY_RESULTS)
+@_options.solve_options(*(name for name in SOLVE if name not in ("refine", "max_memory", "fallback")))
 def _parse(photo: Path, recording: Recording, options: Options) -> tuple[Path, Recording, Options]:
     return photo, with_exif(recording, photo), options
 
@@ -77,31 +77,7 @@ def _read(words: Sequence[str]) -> Prepared:
         return prepare(photo, recording, options, refine_anyway=False, inputs=inputs)
 
 
-def _example(folder: Path) -> dict[str, str]:
-    """Write an example, and return the path of its photo and its options."""
-    kind = KINDS["capture"]
-    write_files("capture", (640, 480), 0, folder, force=False)
-    files = {"photo": folder / "blurred.png", "gyro": folder / CAPTURE_LOG, "camera": folder / CAMERA}
-    moment = {"start": str(kind.start), "duration": str(kind.duration)}
-    return {name: str(path) for name, path in files.items()} | moment
-
-
-@dataclass(slots=True)
-class Job:
-    """Progress of the picture that is being saved."""
-
-    stage: str = "read"
-    fraction: float = 0.0
-    cancelled: bool = False
-
-    def move(self, stage: str, fraction: float) -> None:
-        """Note the progress, or end the work."""
-        if self.cancelled:
-            raise RsdeblurError("cancelled; nothing was written")
-        self.stage, self.fraction = stage, fraction
-
-
-class Desk:
+class Desk(AbstractContextManager["Desk"]):
     """Request handlers of the page, which offers `photos` and begins with the `given` options in its form.
 
     The last camera file is kept in the folder `settings`, and offered by the next start.
@@ -115,27 +91,23 @@ class Desk:
         self._busy = threading.Lock()
         self._basis = lru_cache(maxsize=8)(self._derived)
         self._example: dict[str, str] = {}
-        self._job = Job()
+        self._begin()
         actions: dict[str, Action] = {
             "start": self._start,
             "example": self._made,
             "open": self._open,
             "solve": self._solve,
             "save": self._save,
-            "progress": lambda form: asdict(self._job),
+            "progress": lambda form: dict(self._job),
             "cancel": self._cancel,
         }
         self.actions = {name: _plainly(action) for name, action in actions.items()}
 
-    def __enter__(self) -> Desk:
-        """Return the desk, which removes the files that it received at the end."""
-        return self
-
     def __exit__(self, *_: object) -> None:
         """End the saving and remove the files that the browser sent."""
-        self._job.cancelled = True
+        self._cancel({})
         with self._busy:
-            self.uploads.close()
+            self.uploads.cleanup()
 
     def upload(self, name: str, content: bytes) -> dict[str, Any]:
         """Keep a file until the app ends, and return its path."""
@@ -147,8 +119,12 @@ class Desk:
 
     def _made(self, form: Form) -> dict[str, Any]:
         """Write an example, and return its form."""
+        kind, folder = KINDS["capture"], self.uploads.new_folder()
         with self._busy:
-            self._example = filled(_example(self.uploads.new_folder()))
+            write_files("capture", (640, 480), 0, folder, force=False)
+        files = {"photo": folder / "blurred.png", "gyro": folder / CAPTURE_LOG, "camera": folder / CAMERA}
+        values = files | {"start": kind.start, "duration": kind.duration}
+        self._example = filled({name: str(value) for name, value in values.items()})
         return {"form": self._example}
 
     def _open(self, form: Form) -> dict[str, Any]:
@@ -272,14 +248,24 @@ class Desk:
                 # The page has no --force.
                 raise OutputError(f"{output}: the file exists; choose another name")
             words, _ = self._tuned(form)
-            self._job = Job()
+            self._begin()
             photo, recording, options = _parse.main(words, "rsdeblur deblur", standalone_mode=False)
-            job = PhotoJob(photo=photo, recording=recording, options=options, output=output)
-            return deblur_photo(job, self._job.move)
+            job = PhotoJob(photo=photo, recording=recording, options=options, target=Target(output))
+            return deblur_photo(job, self._move)
+
+    def _begin(self) -> None:
+        # Progress of the picture that is being saved.
+        self._job: dict[str, Any] = {"stage": "read", "fraction": 0.0, "cancelled": False}
+
+    def _move(self, stage: str, fraction: float) -> None:
+        """Note the progress, or end the work."""
+        if self._job["cancelled"]:
+            raise RsdeblurError("cancelled; nothing was written")
+        self._job |= {"stage": stage, "fraction": fraction}
 
     def _cancel(self, form: Form) -> dict[str, Any]:
-        self._job.cancelled = True
-        return asdict(self._job)
+        self._job["cancelled"] = True
+        return dict(self._job)
 
 
 def _plainly(action: Action) -> Action:

@@ -103,7 +103,6 @@ from rsdeblur.report.facts import similarity as similarity
 from rsdeblur.report.facts import summary as summary
 from rsdeblur.report.page import Page as Page
 from rsdeblur.report.page import mode_table as mode_table
-from rsdeblur.report.page import write_batch_page as write_batch_page
 from rsdeblur.report.page import write_page as write_page
 from rsdeblur.simulation.scene import scene as scene
 from rsdeblur.simulation.shake import hand_shake as hand_shake

@@ -60,11 +60,8 @@ def photo_gravity(photo: Path, inputs: Inputs, recording: Recording) -> rs.Gravi
     return _gravity_of(photo, bottom, recording, inputs.camera, [inputs.exposure])
 
 
-def with_axes_of(gravity: rs.Gravity, inputs: Inputs, photo: Path) -> Inputs:
-    """Return the inputs with the axes that fit gravity, if there is one name for them."""
-    if len(gravity.fits) != 1:
-        return inputs
-    (name,) = gravity.fits
+def with_axes(name: str, inputs: Inputs, photo: Path) -> Inputs:
+    """Return the inputs with the axes that fit gravity."""
     warn(f"{photo}: deblurred with the axes {name}; if it is not upright, --refine keeps those of the camera file")
     return inputs._replace(camera=replace(inputs.camera, imu_to_camera=rs.imu_to_camera(name)))
 
@@ -76,7 +73,7 @@ def with_offset(inputs: Inputs, photo: Path) -> Inputs:
         found = rs.find_time_offset(
             picture.pixels, log, camera, exposure, search=exif_error(photo), transfer=picture.transfer, progress=move
         )
-    checked_offset(found, [photo])
+    check_offset(found, [photo])
     camera = found.camera
     LOG.info(
         f"{photo}: time offset {1e3 * camera.time_offset:.1f} ms (+- {1e3 * found.sd:.1f}), "
@@ -90,12 +87,11 @@ def exif_error(photo: Path) -> tuple[float, float]:
     return rs.capture_time(_exif(photo), photo.stem).error
 
 
-def checked_offset(found: rs.OffsetSearch, photos: Sequence[Path]) -> float:
-    """Return the time offset; raise `InputError` if the pictures do not determine it."""
+def check_offset(found: rs.OffsetSearch, photos: Sequence[Path]) -> None:
+    """Raise `InputError` if the pictures do not determine the time offset."""
     if found.time_offset is None:
         what = f"{photos[0]}: the picture does" if len(photos) == 1 else f"the {len(photos)} pictures do"
         raise InputError(f"{what} not determine the time offset: {found.reason} (likeliest {1e3 * found.best:.1f} ms)")
-    return found.time_offset
 
 
 def search_span(
@@ -113,7 +109,7 @@ def recordings_of(photos: Sequence[Path], recording: Recording) -> list[Recordin
         return [recording]
     refuse_given(ONE_OF_MANY, index=recording.index, start=recording.start, start_ns=recording.start_ns)
     if recording.capture is None:
-        raise _usage(
+        raise click.UsageError(
             f"{len(photos)} photos, but no exposure is given; use --capture with photos named after their timestamps "
             "or frame numbers"
         )
@@ -140,7 +136,7 @@ def read_recording(recording: Recording, photo: Path | None = None) -> tuple[rs.
     _refuse_longer(recording.duration, log.span[1] - log.span[0], recording.gyro)
     if recording.start == "exif":
         if photo is None:
-            raise _usage("--start exif needs a photo")
+            raise click.UsageError("--start exif needs a photo")
         with naming(photo, recording):
             exposure = replace(exposure, epoch_ns=rs.on_clock_of(rs.capture_time(_exif(photo), photo.stem), log))
     sd = f" ± {1e3 * camera.readout_sd:.2g}" if camera.readout_sd else ""
@@ -234,33 +230,30 @@ def _capture_columns(recording: Recording) -> str | None:
 
 def _exposure(recording: Recording, photo: Path | None) -> rs.Exposure:
     if recording.start is not None and recording.start_ns is not None:
-        raise _usage("--start and --start-ns exclude each other")
+        raise click.UsageError("--start and --start-ns exclude each other")
     start, duration = None, recording.duration
     if recording.start_ns is not None:
         start = 0.0, recording.start_ns
     elif recording.start is not None:
         # The log decides the time zone of a time from EXIF, later.
         start = (0.0 if recording.start == "exif" else recording.start), 0
-    if recording.capture is not None:
-        if duration is None and None in rs.open_captures(recording.capture, _capture_columns(recording)).durations:
-            duration = None if photo is None else _exif(photo).exposure
+    path, columns = recording.capture, _capture_columns(recording)
+    if duration is None and photo and (path is None or None in rs.open_captures(path, columns).durations):
+        duration = _exif(photo).exposure
+    if path is not None:
         chosen = _chosen(read_captures(recording, duration), recording)
         start = start or (chosen.start, chosen.epoch_ns)
         duration = chosen.duration if duration is None else duration
     elif recording.index is not None:
-        raise _usage("--index needs --capture")
-    elif duration is None:
-        duration = None if photo is None else _exif(photo).exposure
+        raise click.UsageError("--index needs --capture")
     if start is None or duration is None:
         missing = [
             *(["the start: --capture FILE --index N, --start or --start-ns"] if start is None else []),
             *(["its time: --duration, which the photo's EXIF block does not contain"] if duration is None else []),
         ]
-        raise _usage(f"the exposure is missing; give {', and '.join(missing)}")
-    try:
+        raise click.UsageError(f"the exposure is missing; give {', and '.join(missing)}")
+    with naming("the exposure"):
         return rs.Exposure(start[0], duration, start[1])
-    except InputError as error:
-        raise _usage(f"the exposure: {error}") from error
 
 
 def _exif(photo: Path) -> rs.Exif:
@@ -268,15 +261,12 @@ def _exif(photo: Path) -> rs.Exif:
 
 
 def _chosen(captures: list[rs.Exposure], recording: Recording) -> rs.Exposure:
-    last = len(captures) - 1
-    if recording.index is None and last > 0:
-        raise _usage(f"{recording.capture} contains {len(captures)} exposures; choose one with --index 0 to {last}")
-    index = recording.index or 0
-    if index > last:
-        raise InputError(
-            f"{recording.capture}: there is no exposure {index}; the file contains {len(captures)}: --index 0 to {last}"
-        )
-    return captures[index]
+    path, index, choices = printable(recording.capture), recording.index, f"--index 0 to {len(captures) - 1}"
+    if index is None and len(captures) > 1:
+        raise click.UsageError(f"{path} contains {len(captures)} exposures; choose one with {choices}")
+    if index is not None and index >= len(captures):
+        raise InputError(f"{path}: there is no exposure {index}; the file contains {len(captures)}: {choices}")
+    return captures[index or 0]
 
 
 def read_clip(path: Path, recording: Recording) -> tuple[rs.Clip, rs.GyroLog, rs.Camera, list[rs.Exposure]]:
@@ -295,10 +285,10 @@ def read_clip(path: Path, recording: Recording) -> tuple[rs.Clip, rs.GyroLog, rs
 def clip_exposures(clip: rs.Clip, recording: Recording) -> list[rs.Exposure]:
     """Return the exposure of each frame of a video, which the options give."""
     if recording.start == "exif":
-        raise _usage("--start exif is for photos; give --capture, or the start of the first frame")
+        raise click.UsageError("--start exif is for photos; give --capture, or the start of the first frame")
     starts = [name for name in ("capture", "start", "start_ns") if getattr(recording, name) is not None]
     if len(starts) > 1:
-        raise _usage(f"{' and '.join(map(flag, starts))} exclude each other")
+        raise click.UsageError(f"{' and '.join(map(flag, starts))} exclude each other")
     if recording.capture is not None:
         return rs.exposures_from_captures(
             clip, recording.capture, duration=recording.duration, columns=_capture_columns(recording)
@@ -306,7 +296,7 @@ def clip_exposures(clip: rs.Clip, recording: Recording) -> list[rs.Exposure]:
     _refuse_longer(recording.duration, float((clip.end - clip.timestamps[0]) * clip.time_base), clip.path)
     durations = recording.duration or _clip_durations(recording.gyro, clip)
     if durations is None:
-        raise _usage("the exposure time is not given; use --duration, or --capture FILE")
+        raise click.UsageError("the exposure time is not given; use --duration, or --capture FILE")
     return rs.exposures_from_timestamps(
         clip, durations, start=float(recording.start or 0.0), epoch_ns=recording.start_ns or 0
     )
@@ -323,16 +313,10 @@ def _clip_durations(log: Path, clip: rs.Clip) -> list[float] | None:
     return None
 
 
-def _usage(message: str) -> click.UsageError:
-    # The workers of a batch have no context.
-    return click.UsageError(printable(message), ctx=click.get_current_context(silent=True))
-
-
 def transfer_of(picture: rs.Picture, transfer: Transfer | Auto) -> Transfer:
     """Return how the picture encodes light; "auto" is sRGB for integers, linear for floats and raw files."""
     if transfer != "auto":
         return transfer
-
     rs.warn_of_encoded_floats(picture.pixels)
     return picture.transfer
 

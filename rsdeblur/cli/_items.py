@@ -37,10 +37,7 @@ class Item:
 
 
 def read_items(sources: Sequence[Path], defaults: Recording, output: Path, *, unpack: bool = False) -> list[Item]:
-    """Return the items of a manifest or of a session, in its order, or of several photos.
-
-    A session is a folder, or with `unpack` a zip archive, which is unpacked below `output`.
-    """
+    """Return the items of a manifest, of several photos, or of a session: a folder, or with `unpack` a zip archive."""
     start = None if defaults.start == "exif" else defaults.start
     refuse_given(ONE_OF_MANY, index=defaults.index, start=start, start_ns=defaults.start_ns)
     # Wrong files that all photos would share are refused once, instead of for every photo.
@@ -71,13 +68,12 @@ def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[tuple[int,
     for item in items:
         # Some disks do not tell upper case from lower case.
         other, result = writers.setdefault(str(item.output).casefold(), item), folder / item.output
-        if item.error is None and other is not item:
-            item = replace(
-                item, error=f"{item.photo}: {other.photo} has the same result, {result}; name another output"
-            )
-        elif item.error is None and not inputs.isdisjoint(_places([result])):
-            item = replace(item, error=f"{item.photo}: {result} is an input too; name another output")
-        yield item
+        clash = None
+        if other is not item:
+            clash = f"{item.photo}: {other.photo} has the same result, {result}; name another output"
+        elif not inputs.isdisjoint(_places([result])):
+            clash = f"{item.photo}: {result} is an input too; name another output"
+        yield replace(item, error=item.error or clash)
 
 
 def _places(paths: Iterable[Path]) -> set[tuple[int, ...]]:
@@ -158,7 +154,10 @@ def _row(path: Path, line: int, head: list[str], row: list[str], defaults: Recor
         photo = path.parent / photo_name
         for name, cell in zip(head, map(str.strip, row), strict=True):
             if cell and name != "photo":
-                cells[name] = _converted(name, cell)
+                try:
+                    cells[name] = COLUMNS[name].convert(cell, None, None)
+                except click.BadParameter as error:
+                    raise ValueError(f"{name}: {error.message}") from error
         inside = photo.relative_to(path.parent) if photo.is_relative_to(path.parent) else photo
         # Photos elsewhere have results in the output folder.
         inside = Path(photo.name) if inside.anchor or ".." in inside.parts else inside
@@ -169,13 +168,6 @@ def _row(path: Path, line: int, head: list[str], row: list[str], defaults: Recor
         return _item(photo, result, cells | files, defaults)
     except ValueError as error:
         return Item(photo, Path(f"line {line}"), None, f"{path}, line {line}: {error}")
-
-
-def _converted(name: str, cell: str) -> Any:
-    try:
-        return COLUMNS[name].convert(cell, None, None)
-    except click.BadParameter as error:
-        raise ValueError(f"{name}: {error.message}") from error
 
 
 def _item(photo: Path, result: Path, own: dict[str, Any], defaults: Recording) -> Item:

@@ -5,7 +5,7 @@ A command receives each group as one value, so that a new field is an option of 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from functools import wraps
 from pathlib import Path
@@ -16,7 +16,7 @@ import click
 from rsdeblur.choices import Mode
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _types
-from rsdeblur.cli._output import LEVEL, be_verbose, check_output, print_json, refuse_inputs, say, warn
+from rsdeblur.cli._output import LEVEL, be_verbose, print_json, refuse_inputs, say, warn
 from rsdeblur.errors import InputError
 from rsdeblur.pipeline.options import BLUR, COMPUTING, SOLVER, Options
 
@@ -188,8 +188,6 @@ SERIES = (*MANY, "numbered_from")
 FOLDER = tuple(name for name in SERIES if name != "index")
 CLIP = tuple(name for name in MANY if name != "index")
 SOLVE = tuple(each.name for each in fields(Options) if each.metadata.get("help"))
-# Of commands that show many results of one photo.
-MANY_RESULTS = tuple(name for name in SOLVE if name not in ("refine", "max_memory", "fallback"))
 
 
 def flag(name: str) -> str:
@@ -216,34 +214,37 @@ def _option_of(each: Field[Any], *, required: bool) -> Decorator:
     )
 
 
+def _options_of(table: Any, names: Sequence[str], required: Sequence[str] = ()) -> dict[str, Decorator]:
+    return {name: _option_of(table.__dataclass_fields__[name], required=name in required) for name in names}
+
+
 def _gathered(
-    argument: str, kind: type, names: Sequence[str], make: Callable[..., Any], *, required: Sequence[str] = ()
+    argument: str, options: Mapping[str, Decorator], make: Callable[[dict[str, Any], dict[str, Any]], Any]
 ) -> Decorator:
-    """Return a decorator that adds the options of fields, and passes what `make` returns for them as one argument."""
-    table = {each.name: each for each in fields(kind)}
+    """Return a decorator that adds options, and passes what `make` returns for their values and the other arguments."""
 
     def decorate(function: Function) -> Function:
         @wraps(function)
-        def call(**arguments: Any) -> Any:
-            group = make(**{name: arguments.pop(name) for name in names})
-            return function(**arguments, **{argument: group})
+        def call(**others: Any) -> Any:
+            values = {name: others.pop(name) for name in options}
+            return function(**others, **{argument: make(values, others)})
 
-        return together(*(_option_of(table[name], required=name in required) for name in names))(call)
+        return together(*options.values())(call)
 
     return decorate
 
 
 def recording_options(*names: str, required: Sequence[str] = ("gyro", "camera")) -> Decorator:
     """Return a decorator that adds the options called `names` and passes them as one `recording: Recording`."""
-    return _gathered("recording", Recording, names, Recording, required=required)
+    return _gathered("recording", _options_of(Recording, names, required), lambda values, _: Recording(**values))
 
 
 def solve_options(*names: str) -> Decorator:
     """Return a decorator that adds the options called `names` and passes them as one `options: Options`."""
-    return _gathered("options", Options, names, _checked)
+    return _gathered("options", _options_of(Options, names), _checked)
 
 
-def _checked(**values: Any) -> Options:
+def _checked(values: dict[str, Any], _: Any) -> Options:
     options = changed(Options(), **values)
     if "mode" in values:
         refuse_unused(options, [options.mode_in_effect])
@@ -331,7 +332,6 @@ class Target:
     force: bool = False
     as_json: bool = False
     dry_run: bool = False
-    report: Path | None = None
 
     def show(self, facts: Any, *lines: object) -> None:
         """Print facts as JSON if that was asked for, otherwise lines."""
@@ -341,56 +341,32 @@ class Target:
             say(*lines)
 
 
-TARGET = {
-    "force": option("--force", section=OUTPUT, is_flag=True, help="Replace files that exist."),
-    "as_json": option("--json", "as_json", section=OUTPUT, is_flag=True, help="Print JSON."),
-    "dry_run": option("--dry-run", section=OUTPUT, is_flag=True, help="Read and check all inputs, and write nothing."),
-    "report": option(
-        "--report",
-        section=OUTPUT,
-        type=_types.PATH,
-        metavar="HTML",
-        help="Also write a page that shows the results in a browser.",
-    ),
-}
-
-
 def target_options(
-    metavar: str | None = None,
-    text: str = "",
-    *,
-    default: Callable[..., Path] | None = None,
-    more: Sequence[str] = (),
+    metavar: str | None = None, text: str = "", *, default: Callable[..., Path] | None = None, dry_run: bool = False
 ) -> Decorator:
-    """Return a decorator that adds --json, and for commands that write --output, --force and `more`, as one `target`.
+    """Return a decorator that adds --json, and of commands that write --output, --force and --dry-run, as one `target`.
 
     An output that is an input of the command is refused. `default` returns the output where none is given, from the
     other arguments of the command.
     """
-    names = ["as_json", *more]
-    options = [TARGET[name] for name in names]
+    options = {"as_json": option("--json", "as_json", section=OUTPUT, is_flag=True, help="Print JSON.")}
     if metavar is not None:
-        names = ["output", "force", *names]
         output = option("-o", "--output", section=OUTPUT, type=_types.PATH, metavar=metavar, help=text)
-        options = [output, TARGET["force"], *options]
+        force = option("--force", section=OUTPUT, is_flag=True, help="Replace files that exist.")
+        options = {"output": output, "force": force} | options
+    if dry_run:
+        text = "Read and check all inputs, and write nothing."
+        options["dry_run"] = option("--dry-run", section=OUTPUT, is_flag=True, help=text)
 
-    def decorate(function: Function) -> Function:
-        @wraps(function)
-        def call(**arguments: Any) -> Any:
-            values = {"output": None} | {name: arguments.pop(name) for name in names}
-            if values["output"] is None and default is not None:
-                values["output"] = default(**arguments)
-            target = Target(**values)
-            if values["output"] is not None:
-                refuse_inputs(target.output)
-            if target.report is not None:
-                html = ".html", ".htm"
-                check_output(target.report, force=target.force, suffixes=html, kind="the report is an HTML page")
-            return function(target=target, **arguments)
+    def make(values: dict[str, Any], others: dict[str, Any]) -> Target:
+        output = values.pop("output", None)
+        if output is None and default is not None:
+            output = default(**others)
+        if output is not None:
+            refuse_inputs(output)
+        return Target(output, **values)
 
-        return together(*options)(call)
-
-    return decorate
+    return _gathered("target", options, make)
 
 
 def beside(source: Path, ending: str) -> Path:

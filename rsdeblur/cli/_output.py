@@ -11,13 +11,10 @@ import json
 import logging
 import re
 import sys
-import tomllib
 import unicodedata
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +22,7 @@ import click
 
 from rsdeblur._util.files import atomic_write, check_target, file_state
 from rsdeblur.cli import _engine as rs
-from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
+from rsdeblur.errors import InputError, OutputError, RsdeblurWarning
 
 # Raised when a stable key of JSON is removed or changes its meaning.
 SCHEMA = 1
@@ -40,8 +37,6 @@ PAGES = {
     r"\baxes\b|imu_to_camera|--imu\b": "camera-file",
     r"--gyro('|( and --camera)? missing)|as --gyro$|unknown gyro log format|no gyro (data|samples)": "formats",
 }
-# Errors that end one of several jobs alone.
-FAILURES = RsdeblurError, click.UsageError, OSError
 
 
 def level() -> int:
@@ -82,8 +77,8 @@ def linked(message: str) -> str:
 
 
 def reason(error: Exception, file: object = "") -> str:
-    """Return the message of one of the `FAILURES`, which begins with the name of a file unless it contains it."""
-    message = error.format_message() if isinstance(error, click.UsageError) else str(error)
+    """Return the message of an error, which begins with the name of a file unless it contains it."""
+    message = str(error)
     if isinstance(error, OSError) and error.filename is not None:
         message = f"{error.filename}: {error.strerror}"
     return message if str(file) in message else f"{file}: {message}"
@@ -177,17 +172,6 @@ def check_output(path: Path, *, force: bool, suffixes: Sequence[str] = (), kind:
         raise OutputError(f"{path}: {kind}; give it a name that ends in {suffixes[0]}")
     refuse_inputs(path)
     check_target(path, force=force)
-
-
-def check_camera_file(path: Path, *, force: bool) -> None:
-    """Check that a camera file can be written; see `check_output`."""
-    check_output(path, force=force, suffixes=(".toml",), kind="a camera file is TOML")
-
-
-@cache
-def records() -> dict[str, dict[str, Any]]:
-    """Return the stable keys of each kind of record with their meanings."""
-    return tomllib.loads(files(__package__).joinpath("schema.toml").read_text("utf-8"))
 
 
 def _json(facts: Mapping[str, Any]) -> str:

@@ -17,24 +17,9 @@ import click
 from rsdeblur._util.files import file_state, read_file
 from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.cli import _engine as rs
-from rsdeblur.cli import _options
+from rsdeblur.cli import _options, _output
 from rsdeblur.cli._items import COLUMNS, Item, read_items
 from rsdeblur.cli._options import FILES, FOLDER, Command, Recording, Target, shared_threads
-from rsdeblur.cli._output import (
-    capture_warnings,
-    compiling,
-    level,
-    prepare_folder,
-    print_json,
-    print_table,
-    progress,
-    reason,
-    say,
-    say_aside,
-    usage_as_input_error,
-    warn,
-    write_json,
-)
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError, OutputError, RsdeblurError
@@ -71,7 +56,7 @@ Examples:
     "Folder to write to; by default MANIFEST-sharp or FOLDER-sharp beside it. PHOTOs have that of the first one's "
     "folder.",
     default=lambda sources, **_: _options.beside(sources[0] if len(sources) == 1 else sources[0].parent, SHARP),
-    more=("dry_run", "report"),
+    dry_run=True,
 )
 def command(**arguments: Any) -> None:
     """Deblur many photos."""
@@ -93,20 +78,17 @@ def run(
         raise InputError(f"{sources[0]}: there is nothing to do, because no photo is listed")
     jobs, threads = shared_threads(jobs, options.threads)
     earlier = _earlier(target.output / BATCH)
-    prepare_folder(target.output, [BATCH], force=target.force or earlier is not None, dry_run=target.dry_run)
+    _output.prepare_folder(target.output, [BATCH], force=target.force or earlier is not None, dry_run=target.dry_run)
     begin = time.perf_counter()
     entries = _deblurred(items, replace(options, threads=threads), bool(refine), target, earlier or {}, jobs)
-    if target.report is not None and not target.dry_run:
-        title = sources[0].name if len(sources) == 1 else f"{len(sources)} photos"
-        rs.write_batch_page(target.report, entries, title=title)
     summary = _summary(entries) | {"seconds": time.perf_counter() - begin}
     if target.as_json:
-        print_json(summary)
+        _output.print_json(summary)
     else:
         _print(summary, target)
     errors = [entry["error"] for entry in entries if "error" in entry]
     for error in errors:
-        say_aside(f"error: {error}")
+        _output.say_aside(f"error: {error}")
     if errors:
         click.get_current_context().exit(3)
 
@@ -133,27 +115,26 @@ def _deblurred(
             job = PhotoJob(
                 photo=item.photo,
                 recording=item.recording,
-                output=target.output / item.output,
-                force=target.force,
-                dry_run=target.dry_run,
+                target=replace(target, output=target.output / item.output),
                 make_folder=True,
                 options=options,
                 refine_anyway=refine_anyway,
             )
-            if not _is_done(job, entry, earlier.get(str(job.output), {})):
+            if not _is_done(job, entry, earlier.get(str(job.target.output), {})):
                 # The first worker speaks for all.
-                tasks.append((i, job, not tasks and level() >= 0))
+                tasks.append((i, job, not tasks and _output.level() >= 0))
     if tasks:
         _write(target, entries)
     try:
-        with progress("batch") as move, closing(rs.run(work, iter(tasks), jobs=jobs)) as answers:
+        with _output.progress("batch") as move, closing(rs.run(work, iter(tasks), jobs=jobs)) as answers:
             for (i, job, _), answer in answers:
                 with _as_row(entries[i]):
                     if isinstance(answer, rs.Failure):
                         raise InputError(answer.message)
                     for message in answer.pop("warnings"):
-                        warn(message if str(job.photo) in message else f"{job.photo}: {message}")
-                    entries[i] |= answer | {"state": "checked" if job.dry_run else "done", "recipe": _recipe(job)}
+                        _output.warn(message if str(job.photo) in message else f"{job.photo}: {message}")
+                    state = "checked" if target.dry_run else "done"
+                    entries[i] |= answer | {"state": state, "recipe": _recipe(job)}
                 finished = sum("state" in entry for entry in entries)
                 move(f"{finished} of {len(entries)}", finished / len(entries))
     finally:
@@ -163,10 +144,10 @@ def _deblurred(
 
 def _is_done(job: PhotoJob, entry: dict[str, Any], earlier: dict[str, Any]) -> bool:
     """Return whether the result is that of an earlier run; raise `OutputError` if it has another recipe."""
-    recipe, exists = _recipe(job), job.output.exists()
-    entry["output"] = str(job.output)
-    recorded = earlier.get("recipe")
-    if not (exists and recorded) or job.force:
+    recipe, recorded, output = _recipe(job), earlier.get("recipe"), job.target.output
+    exists = output.exists()
+    entry["output"] = str(output)
+    if not (exists and recorded) or job.target.force:
         if not exists:
             entry["recipe"] = recipe
         return False
@@ -175,7 +156,7 @@ def _is_done(job: PhotoJob, entry: dict[str, Any], earlier: dict[str, Any]) -> b
     entry.pop("error", None)
     if recorded != recipe:
         raise OutputError(
-            f"{job.output}: the file exists; use force (--force) to replace it, or another folder: it was made with "
+            f"{output}: the file exists; use force (--force) to replace it, or another folder: it was made with "
             "other options or from other files, or these have another date"
         )
     entry["state"] = "skipped"
@@ -192,7 +173,7 @@ def _summary(entries: list[dict[str, Any]]) -> dict[str, Any]:
 def _write(target: Target, entries: list[dict[str, Any]]) -> None:
     """Write the list of results, of those under way too: each is written as a whole, or not at all."""
     if not target.dry_run:
-        write_json(target.output / BATCH, _summary(entries) | {"items": entries})
+        _output.write_json(target.output / BATCH, _summary(entries) | {"items": entries})
 
 
 @contextmanager
@@ -201,22 +182,19 @@ def _as_row(entry: dict[str, Any]) -> Iterator[None]:
     try:
         yield
     except (RsdeblurError, OSError, ValueError) as error:
-        entry |= {"state": "failed", "error": reason(error, entry["photo"])}
+        entry |= {"state": "failed", "error": _output.reason(error, entry["photo"])}
 
 
 def work(task: tuple[int, PhotoJob, bool]) -> dict[str, Any]:
     """Deblur one photo, in a worker, which may say that it compiles."""
     _, job, may_say = task
-    with compiling() if may_say else nullcontext(), capture_warnings(show=False) as messages, usage_as_input_error():
-        facts = deblur_photo(job)
-    return facts | {"warnings": messages}
+    says = _output.compiling() if may_say else nullcontext()
+    with says, _output.capture_warnings(show=False) as messages, _output.usage_as_input_error():
+        return deblur_photo(job) | {"warnings": messages}
 
 
 def _recipe(job: PhotoJob) -> str:
-    """Return a text that changes with all that the result depends on: its settings and its files.
-
-    Files are compared by name, size and date, so that a folder may be moved.
-    """
+    """Return a text that changes with settings and files, by name, size and date: a folder may be moved."""
     # Any number of threads gives the same bits.
     settings = [replace(job.options, threads=None), job.refine_anyway]
     settings += [value for key, value in asdict(job.recording).items() if key not in FILES]
@@ -239,8 +217,8 @@ def _print(summary: dict[str, Any], target: Target) -> None:
         size = "{} x {}".format(*known["psf_px"]) if "psf_px" in known else ""
         seconds = f"{known['seconds']:.2f}" if "seconds" in known else ""
         rows.append([known["photo"], known["state"], tiles, size, seconds, _verdict(known)])
-    print_table(["photo", "state", "bands x strips", "PSF px", "time s", "check"], rows)
+    _output.print_table(["photo", "state", "bands x strips", "PSF px", "time s", "check"], rows)
     counts = ", ".join(f"{count} {state}" for state, count in summary["counts"].items())
     verdicts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(summary["verdicts"].items()))
     place = "" if target.dry_run else f"; see {target.output}"
-    say(f"{counts}{f' ({verdicts})' if verdicts else ''}; {summary['seconds']:.1f} s{place}")
+    _output.say(f"{counts}{f' ({verdicts})' if verdicts else ''}; {summary['seconds']:.1f} s{place}")

@@ -15,7 +15,7 @@ from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import clip_exposures, indices_of, naming, read_captures, read_log, search_span
 from rsdeblur.cli._options import FOR_PHOTOS, Command, Recording, Target, option, refuse_given
-from rsdeblur.cli._output import check_camera_file, print_table, progress, say
+from rsdeblur.cli._output import check_output, print_table, progress, say
 from rsdeblur.cli._types import PATH, SECONDS
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurError
 
@@ -47,11 +47,7 @@ GIVEN = tuple(name for name in _options.SERIES if name not in ("time_offset", "r
     default=lambda sources, **_: sources[0].with_name(CAMERA),
 )
 def command(
-    sources: tuple[Path, ...],
-    recording: Recording,
-    first: float | None,
-    last: float | None,
-    target: Target,
+    sources: tuple[Path, ...], recording: Recording, first: float | None, last: float | None, target: Target
 ) -> None:
     """Calibrate a camera from a CLIP or PHOTOs, and their gyro log.
 
@@ -67,7 +63,7 @@ def command(
     A value that the pictures do not determine is assumed: it keeps its start value. Exit code 1 means that the fit is
     not trustworthy; then no file is written.
     """
-    check_camera_file(target.output, force=target.force)
+    check_output(target.output, force=target.force, suffixes=(".toml",), kind="a camera file is TOML")
     name = sources[0]
     with progress("calibrate") as move, naming(name, recording):
         log = read_log(recording).log

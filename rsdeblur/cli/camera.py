@@ -14,7 +14,7 @@ from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, transfer_of
 from rsdeblur.cli._options import Command, Target, option
-from rsdeblur.cli._output import check_camera_file
+from rsdeblur.cli._output import check_output
 from rsdeblur.cli._types import COUNT, PATH, POSITIVE, READOUT, SECONDS, SIZE, NumberType, TextType, box, numbers
 from rsdeblur.cli.info import lines_of
 from rsdeblur.errors import InputError
@@ -74,15 +74,11 @@ def command() -> None:
 @settings
 @_options.target_options("TOML", f"Camera file to write; by default {CAMERA}.", default=lambda **_: Path(CAMERA))
 def new(
-    size: tuple[int, int],
-    focal_length: tuple[float, ...] | None,
-    focal35: float | None,
-    target: Target,
-    **values: Any,
+    size: tuple[int, int], focal_length: tuple[float, ...] | None, focal35: float | None, target: Target, **values: Any
 ) -> None:
     """Create a camera file from numbers."""
     if (focal_length is None) == (focal35 is None):
-        raise click.UsageError("give one of --focal-length and --focal35", ctx=click.get_current_context())
+        raise click.UsageError("give one of --focal-length and --focal35")
     width, height = size
     length: Any = focal_length[0] if focal_length and len(focal_length) == 1 else focal_length
     if focal35 is not None:
@@ -127,7 +123,7 @@ def import_(source: Path, format: str | None, focal35: float | None, target: Tar
     reading = {name: values.pop(name) for name in ("size", "name", "fps", "focal_length", "sensor_width")}
     if focal35 is not None:
         if reading["size"] is None or reading["focal_length"] is not None:
-            raise click.UsageError("--focal35 needs --size, and excludes --focal-length", click.get_current_context())
+            raise click.UsageError("--focal35 needs --size, and excludes --focal-length")
         reading["focal_length"] = rs.focal35_px(focal35, *reading["size"])
     file = rs.open_camera(source, format, **reading)
     camera = file.camera
@@ -171,7 +167,7 @@ def measure_readout(
 
 
 def _write(file: rs.CameraFile, target: Target) -> None:
-    check_camera_file(target.output, force=target.force)
+    check_output(target.output, force=target.force, suffixes=(".toml",), kind="a camera file is TOML")
     file.camera.save(target.output)
     entry = {"file": str(target.output)} | rs.camera_facts(file)
     target.show(entry, *lines_of(entry))

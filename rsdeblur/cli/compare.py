@@ -11,10 +11,9 @@ import click
 
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.cli import _engine as rs
-from rsdeblur.cli import _options
+from rsdeblur.cli import _options, _output
 from rsdeblur.cli._inputs import transfer_of
-from rsdeblur.cli._options import Command, Recording, Target, option
-from rsdeblur.cli._output import capture_warnings, prepare_folder, print_json, print_table, progress, say, write_json
+from rsdeblur.cli._options import OUTPUT, Command, Recording, Target, option
 from rsdeblur.cli._photo import Prepared, moment_facts, prepare, stopwatch
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError
@@ -45,7 +44,9 @@ Examples:
     "DIR",
     "Folder to write to; by default PHOTO-compare beside it.",
     default=lambda photo, **_: _options.beside(photo, "-compare"),
-    more=("report",),
+)
+@option(
+    "--report", section=OUTPUT, type=PATH, metavar="HTML", help="Also write a page that shows the results in a browser."
 )
 def command(
     photo: Path,
@@ -53,6 +54,7 @@ def command(
     modes: tuple[Mode, ...],
     options: Options,
     truth: Path | None,
+    report: Path | None,
     target: Target,
 ) -> None:
     """Deblur PHOTO in every mode and show the results side by side.
@@ -65,11 +67,13 @@ def command(
     """
     modes = tuple(mode for mode in MODES if mode in (modes or MODES))
     _options.refuse_unused(options, modes)
-    prepare_folder(target.output, [*output_names(photo, modes), REPORT], force=target.force)
-    compare_modes(photo, recording, options, target, truth=truth, modes=modes)
+    if report is not None:
+        _output.check_output(report, force=target.force, suffixes=(".html", ".htm"), kind="the report is an HTML page")
+    _output.prepare_folder(target.output, [*output_names(photo, modes), REPORT], force=target.force)
+    compare_modes(photo, recording, options, target, truth=truth, modes=modes, page=report)
     if not target.as_json:
-        page = "" if target.report is None else f" Open {target.report} in a browser."
-        say("", f"The pictures are in {target.output}; see {SHEET}.{page}")
+        page = "" if report is None else f" Open {report} in a browser."
+        _output.say("", f"The pictures are in {target.output}; see {SHEET}.{page}")
 
 
 def output_names(photo: Path, modes: Sequence[Mode] = MODES) -> list[str]:
@@ -86,9 +90,10 @@ def compare_modes(
     *,
     truth: Path | None,
     modes: Sequence[Mode] = MODES,
+    page: Path | None = None,
 ) -> None:
     """Deblur `photo` in each mode, write the pictures and the results into the folder of `target`, and print them."""
-    with capture_warnings() as texts:
+    with _output.capture_warnings() as texts:
         # Only --refine refines here, so it is always asked for.
         ready = prepare(photo, recording, options, refine_anyway=options.refine)
         picture, transfer = ready.inputs.picture, transfer_of(ready.inputs.picture, ready.options.transfer)
@@ -107,31 +112,38 @@ def compare_modes(
         for mode in modes:
             report["modes"][mode] |= rs.similarity(shown[mode], sharp)
         shown["truth"] = sharp
-    _draw(target, shown, compared.banks, report["modes"])
-    if target.report is not None:
-        rs.write_page(target.report, compared.completed(asdict(recording), options, texts))
-        report["report"] = str(target.report)
-    write_json(target.output / REPORT, report)
+    labels = {
+        mode: "global, one PSF" if mode == "global" else f"{mode}, {facts['bands']} x {facts['strips']} PSFs"
+        for mode, facts in report["modes"].items()
+    }
+    panels = {labels.get(name, name): values for name, values in shown.items()}
+    rs.write_picture(target.output / SHEET, rs.side_by_side(panels), force=target.force)
+    drawing = rs.psf_map(list(compared.banks.values())[-1], shown["input"].shape, picture=shown["input"])
+    rs.write_picture(target.output / MAP, drawing, force=target.force)
+    if page is not None:
+        rs.write_page(page, compared.completed(asdict(recording), options, texts))
+        report["report"] = str(page)
+    _output.write_json(target.output / REPORT, report)
     if target.as_json:
-        print_json(report)
+        _output.print_json(report)
         return
-    print_table(*rs.mode_table(report))
+    _output.print_table(*rs.mode_table(report))
     for mode, facts in report["modes"].items():
-        say(*(f"  {mode}: {line.strip()}" for line in rs.remarks({"check": facts["check"]})))
-    say(*rs.remarks(report))
+        _output.say(*(f"  {mode}: {line.strip()}" for line in rs.remarks({"check": facts["check"]})))
+    _output.say(*rs.remarks(report))
 
 
 def _solve(ready: Prepared, compared: rs.Page, each_mode: Mapping[Mode, Options], target: Target) -> None:
     """Deblur and write the picture in each mode, and add the results to the comparison."""
     picture = ready.inputs.picture
-    with progress("plan") as move, ready.naming:
+    with _output.progress("plan") as move, ready.naming:
         planned = ready.plan(move, next(iter(each_mode.values())))
     if planned.refinement is not None:
         compared.report["refinement"] = rs.refinement_facts(planned.refinement)
     names = output_names(Path(compared.report["photo"]), list(each_mode))
     for (mode, chosen), name in zip(each_mode.items(), names, strict=False):
         chosen = replace(chosen, translation=planned.options.translation, refine=False)
-        with stopwatch() as elapsed, progress(mode) as move, ready.naming:
+        with stopwatch() as elapsed, _output.progress(mode) as move, ready.naming:
             # A plan of its own, so that a mode does not keep the memory of another one's solver.
             result = rs.Plan(planned.frame, planned.capture, chosen).apply(picture.pixels, progress=move)
             seconds = elapsed()
@@ -148,16 +160,3 @@ def _read_truth(truth: Path, photo: Path, picture: rs.Picture, transfer: Transfe
             "give one of the same size and channels"
         )
     return rs.display_values(sharp.pixels, transfer_of(sharp, transfer))
-
-
-def _draw(
-    target: Target, shown: dict[str, rs.NDArray[Any]], banks: Mapping[str, rs.PsfBank], modes: dict[str, Any]
-) -> None:
-    labels = {
-        mode: "global, one PSF" if mode == "global" else f"{mode}, {facts['bands']} x {facts['strips']} PSFs"
-        for mode, facts in modes.items()
-    }
-    panels = {labels.get(name, name): values for name, values in shown.items()}
-    rs.write_picture(target.output / SHEET, rs.side_by_side(panels), force=target.force)
-    drawing = rs.psf_map(list(banks.values())[-1], shown["input"].shape, picture=shown["input"])
-    rs.write_picture(target.output / MAP, drawing, force=target.force)

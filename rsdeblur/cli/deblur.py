@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +59,7 @@ def default_output(photos: tuple[Path, ...], **_: Any) -> Path:
     "Picture to write; by default PHOTO-sharp beside it. Or a folder, for several photos by default that of the first "
     "one with -sharp after its name.",
     default=default_output,
-    more=("dry_run",),
+    dry_run=True,
 )
 def command(
     photos: tuple[Path, ...],
@@ -79,7 +80,7 @@ def command(
         return batch.run(photos, recording, options, refine, target)
     refuse_given("is for several photos", numbered_from=recording.numbered_from)
     (photo,) = photos
-    check_sources(click.get_current_context(), recording, psf)
+    check_sources(recording, psf)
     if psf is None:
         recording, options = with_exif(recording, photo), _options.with_refinement(options, refine)
     output, name = target.output, result_name(photo).name
@@ -92,11 +93,9 @@ def command(
         photo=photo,
         recording=recording,
         options=options,
-        output=output,
+        target=replace(target, output=output),
         psf=psf,
         save_camera=save_camera,
-        force=target.force,
-        dry_run=target.dry_run,
         make_folder=into_folder,
         refine_anyway=bool(refine),
     )

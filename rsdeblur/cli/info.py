@@ -38,10 +38,8 @@ def command(files: tuple[Path, ...], recording: Recording, target: Target) -> No
     bottom of the picture, as stored, towards its right.
     """
     named = [getattr(recording, name) for name in FILES]
-    if any(named) and not all(named):
-        raise click.UsageError("--gyro, --camera and --capture are needed together", ctx=click.get_current_context())
-    if not files and not any(named):
-        raise click.UsageError("name a file, or --gyro, --camera and --capture", ctx=click.get_current_context())
+    if not all(named) and (any(named) or not files):
+        raise click.UsageError("name a file, or --gyro, --camera and --capture, which are needed together")
     entries = []
     for entry in _entries(files, recording):
         entries.append(entry)

@@ -55,7 +55,7 @@ def command(
     output: Path | None = target.output
     if shape := {name: value for name, value in shape.items() if value is not None}:
         refuse_given("has no meaning with --line, --disc or --gauss", picture=photo, bank=bank, path=path)
-        check_sources(click.get_current_context(), recording, shape)
+        check_sources(recording, shape)
         return _draw(shape, target)
     require(recording, "gyro", "camera")
     if path is not None:

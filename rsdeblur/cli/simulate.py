@@ -39,13 +39,7 @@ Examples:
     default=lambda sharp, **_: _options.beside(sharp, "-simulated"),
 )
 def command(
-    sharp: Path,
-    recording: Recording,
-    transfer: Transfer | Auto,
-    noise: float,
-    seed: int,
-    bits: str,
-    target: Target,
+    sharp: Path, recording: Recording, transfer: Transfer | Auto, noise: float, seed: int, bits: str, target: Target
 ) -> None:
     """Blur SHARP as a shaking rolling-shutter camera would.
 

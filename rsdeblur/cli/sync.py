@@ -8,17 +8,7 @@ import click
 
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.cli import _engine as rs
-from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import (
-    checked_offset,
-    exif_error,
-    naming,
-    photo_gravity,
-    read_inputs,
-    recordings_of,
-    search_span,
-    transfer_of,
-)
+from rsdeblur.cli import _inputs, _options
 from rsdeblur.cli._options import SERIES, Command, Recording, Target, option
 from rsdeblur.cli._output import progress
 from rsdeblur.cli._types import PATH, SECONDS
@@ -60,20 +50,20 @@ def command(
     if write:
         # Before the search: the file may be of a kind that has no place for the offset.
         rs.check_editable(recording.camera)
-    usual = exif_error(photos[0]) if recording.start == "exif" else None
+    usual = _inputs.exif_error(photos[0]) if recording.start == "exif" else None
     inputs = []
-    for photo, each in zip(photos, recordings_of(photos, recording), strict=True):
-        inputs.append(read_inputs(photo, each))
-        photo_gravity(photo, inputs[-1], each)
-    transfers = sorted({str(transfer_of(each.picture, transfer)) for each in inputs})
+    for photo, each in zip(photos, _inputs.recordings_of(photos, recording), strict=True):
+        inputs.append(_inputs.read_inputs(photo, each))
+        _inputs.photo_gravity(photo, inputs[-1], each)
+    transfers = sorted({str(_inputs.transfer_of(each.picture, transfer)) for each in inputs})
     if len(transfers) > 1:
         raise click.UsageError(f"the photos encode light differently ({', '.join(transfers)}); give --transfer")
-    with progress("sync") as move, naming(photos[0] if len(photos) == 1 else None, recording):
+    with progress("sync") as move, _inputs.naming(photos[0] if len(photos) == 1 else None, recording):
         found = rs.find_time_offset(
             [each.picture.pixels for each in inputs],
             *(inputs[0].log, inputs[0].camera, [each.exposure for each in inputs]),
-            search=search_span(rs.find_time_offset, first, last, usual),
-            transfer=transfer_of(inputs[0].picture, transfer),
+            search=_inputs.search_span(rs.find_time_offset, first, last, usual),
+            transfer=_inputs.transfer_of(inputs[0].picture, transfer),
             progress=move,
         )
     lines, written = [], None
@@ -84,4 +74,4 @@ def command(
             written = str(recording.camera)
             lines.append(f"written to {written}")
     target.show(rs.offset_facts(found) | {"written": written}, *lines)
-    checked_offset(found, photos)
+    _inputs.check_offset(found, photos)

@@ -17,9 +17,9 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
 from rsdeblur.cli._items import read_items
 from rsdeblur.cli._options import FOLDER, FOR_PHOTOS, Command, Recording, Target, option, refuse_given, require
-from rsdeblur.cli._output import FAILURES, prepare_folder, print_json, progress, reason, say, write_json
+from rsdeblur.cli._output import prepare_folder, print_json, progress, reason, say, usage_as_input_error, write_json
 from rsdeblur.cli._types import NOT_NEGATIVE, PATH
-from rsdeblur.errors import InputError
+from rsdeblur.errors import InputError, RsdeblurError
 
 REPORT, PLOT = "triage.json", "triage.svg"
 MANIFESTS = (".csv", ".txt")
@@ -113,9 +113,10 @@ def _photos(source: Path, recording: Recording, output: Path | None) -> list[Sho
         exposure, blur, failure = None, math.nan, item.error
         if item.recording is not None:
             try:
-                log, camera, exposure = read_recording(item.recording, item.photo)
+                with usage_as_input_error():
+                    log, camera, exposure = read_recording(item.recording, item.photo)
                 blur, failure = rs.blur_of(log, camera, exposure)
-            except FAILURES as error:
+            except (RsdeblurError, OSError) as error:
                 failure = reason(error)
         shots.append(({"photo": str(item.photo)}, exposure, blur, failure))
     return shots

@@ -57,7 +57,7 @@ Examples:
     "OUT",
     "Video to write: .mp4, .mov, .mkv or .webm; by default VIDEO-sharp beside it.",
     default=lambda source, **_: source.with_name(f"{source.stem}{SHARP}{source.suffix}"),
-    more=("dry_run",),
+    dry_run=True,
 )
 def command(
     source: Path,

@@ -233,12 +233,6 @@ def picture_uris(pictures: Mapping[str, Display], icc_profile: bytes | None) -> 
     return [_uri(image, subsampling=0, icc_profile=icc_profile or b"") for image in reduced], scale
 
 
-def thumbnail_uri(image: Image.Image, side: int) -> str:
-    """Encode a picture at most `side` px long or wide; 200 photos of 280 px and their results take about 10 MB."""
-    image.thumbnail((side, side))
-    return _uri(image)
-
-
 def bank_data(bank: PsfBank) -> dict[str, Any]:
     """Return an evenly spaced selection of the kernels as one grey picture, with their places, for a page."""
     rows, cols, kernels = trails(bank)

@@ -1,4 +1,4 @@
-"""Pages of HTML that contain everything they show, so that they need no network: the report and the list of a batch."""
+"""Pages of HTML that contain everything they show, so that they need no network."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import hashlib
 import json
 import math
 import os
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from html import escape
@@ -15,28 +14,24 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 from typing import Any, NamedTuple
-from urllib.parse import quote
 
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
 
+from rsdeblur import config
 from rsdeblur._util.files import atomic_write
 from rsdeblur.choices import VERDICTS, Transfer
-from rsdeblur.config import show_config
 from rsdeblur.io.pictures import Picture
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
 from rsdeblur.psf import PsfBank
-from rsdeblur.report.drawings import bank_data, picture_uris, thumbnail_uri
+from rsdeblur.report.drawings import bank_data, picture_uris
 from rsdeblur.report.facts import correction_text, motion_data, plain
 
 # Colours of verdicts; others are warnings.
 VERDICT_LEVELS = {"good": "good", "cannot tell": "note", "not checked": "note"}
 TIMES = "\N{MULTIPLICATION SIGN}"
-# Verdicts on the items of a batch, the worst first.
-ORDER = ("failed", *reversed(VERDICTS), "not checked")
 
 
 class Page(NamedTuple):
@@ -91,7 +86,7 @@ class Page(NamedTuple):
             "Exposure": {"start, s": exposure.start, "duration, s": exposure.duration, "origin, ns": exposure.epoch_ns},
             "Camera": {each.name: getattr(camera, each.name) for each in fields(camera)}
             | {"imu_to_camera": camera.imu_to_camera.tolist()},
-            "Software": show_config(mode="dict"),
+            "Software": config.facts(),
         }
         tables = {
             title: {name.replace("_", " "): text for name, value in rows.items() if (text := plain(value, 9))}
@@ -102,13 +97,9 @@ class Page(NamedTuple):
 
 def write_page(path: str | os.PathLike[str], page: Page) -> None:
     """Write a report as one file of HTML, which appears whole or not at all; an existing one is replaced."""
-    _write(path, render(page))
-
-
-def _write(path: str | os.PathLike[str], text: str) -> None:
     with atomic_write(path) as file:
         # A file name that is not valid Unicode must not prevent the page.
-        file.write(text.encode("utf-8", "replace"))
+        file.write(render(page).encode("utf-8", "replace"))
 
 
 def document(
@@ -176,8 +167,8 @@ def script_json(payload: Any) -> str:
 
 
 def _verdict(facts: Mapping[str, Any]) -> str:
-    """Return the verdict on a result: that of the check, "failed" or "not checked"."""
-    return "failed" if "error" in facts else str((facts.get("check") or {}).get("verdict", "not checked"))
+    """Return the verdict on a result: that of the check, or "not checked"."""
+    return str((facts.get("check") or {}).get("verdict", "not checked"))
 
 
 def _badge(facts: Mapping[str, Any]) -> str:
@@ -221,38 +212,3 @@ def _table(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -
     table = f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     # A wide table scrolls inside its region, which `tabindex` makes possible with the keyboard too.
     return f'<div class="wide" tabindex="0" role="region" aria-label="{escape(caption)}">{table}</div>'
-
-
-def write_batch_page(path: str | os.PathLike[str], entries: Sequence[Mapping[str, Any]], *, title: str) -> None:
-    """Write a page of the entries of `batch.json`, each photo beside its result, the most doubtful first."""
-    counts = Counter(map(_verdict, entries))
-    ordered = sorted(entries, key=lambda entry: ORDER.index(_verdict(entry)))
-    items = "\n".join(_item(entry, Path(path).parent) for entry in ordered)
-    text = document(
-        kind="rsdeblur batch",
-        title=title,
-        facts=", ".join(f"{counts[verdict]} {verdict}" for verdict in ORDER if counts[verdict]),
-        main=f'<h2>Photos, the most doubtful first</h2>\n<div class="pairs">\n{items}\n</div>',
-    )
-    _write(path, text)
-
-
-def _item(entry: Mapping[str, Any], folder: Path) -> str:
-    reasons = entry.get("error") or " ".join((entry.get("check") or {}).get("reasons", ()))
-    name = escape(Path(entry["photo"]).name)
-    images = _thumbnail(Path(entry["photo"]), f"{name}, the photo")
-    if "error" not in entry and "output" in entry:
-        link = escape(quote(os.path.relpath(entry["output"], folder)))
-        images += f'<a href="{link}">{_thumbnail(Path(entry["output"]), f"{name}, the result")}</a>'
-    return f"<figure>{images}<figcaption>{_badge(entry)} {name}<br>{escape(str(reasons))}</figcaption></figure>"
-
-
-def _thumbnail(path: Path, label: str) -> str:
-    """Return a thumbnail, or the label alone if the file is no picture that Pillow reads."""
-    try:
-        with Image.open(path) as picture:
-            picture.draft("RGB", (280, 280))
-            uri = thumbnail_uri(ImageOps.exif_transpose(picture).convert("RGB"), 280)
-    except (OSError, ValueError, Image.DecompressionBombError):
-        return f"<span>{label}</span>"
-    return f'<img src="{uri}" alt="{label}">'

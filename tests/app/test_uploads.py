@@ -21,7 +21,7 @@ def temporary(tmp_path, monkeypatch):
 def uploads(temporary):
     kept = Uploads()
     yield kept
-    kept.close()
+    kept.cleanup()
 
 
 def test_equal_names_are_different_files_that_only_this_user_can_read(uploads, temporary):
@@ -35,7 +35,7 @@ def test_equal_names_are_different_files_that_only_this_user_can_read(uploads, t
         with pytest.raises(InputError, match="usable name"):
             uploads.keep(name, b"")
     assert plain(f"{paths[0]}: line 3, see {paths[1]}") == "data.csv: line 3, see data.csv"
-    uploads.close()
+    uploads.cleanup()
     assert list(temporary.iterdir()) == []
 
 

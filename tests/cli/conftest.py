@@ -6,10 +6,12 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from importlib.resources import files as files_of
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,10 +22,11 @@ from PIL import Image
 
 from rsdeblur._util import workers
 from rsdeblur.cli import main
-from rsdeblur.cli._output import COMPILING, SCHEMA, records
+from rsdeblur.cli._output import COMPILING, SCHEMA
 from rsdeblur.estimate.time_offset import OffsetSearch
 from rsdeblur.motion.camera import Camera
 
+RECORDS = tomllib.loads(files_of("rsdeblur.cli").joinpath("schema.toml").read_text("utf-8"))
 WIDTH, HEIGHT = 96, 72
 START, DURATION = 0.2, 0.04
 FRAMES = (START, 0.3, 5.0)  # s; the last one lies beyond the log
@@ -99,7 +102,7 @@ def kind_of(words: list[str], found: dict[str, Any]) -> str:
 
 def compare(kind: str, found: dict[str, Any]) -> None:
     """Check that a record has all stable keys of its kind."""
-    keys = records()[kind]
+    keys = RECORDS[kind]
     assert {name for name in keys if name[-1] != "?"} <= found.keys()
     for name, key in keys.items():
         value = found.get(name.rstrip("?"))

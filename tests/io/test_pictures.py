@@ -264,7 +264,7 @@ def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monke
     (tmp_path / "folder.png").mkdir()
     faults = {
         "picture.bmp": "unknown picture extension",
-        "folder.png": "a folder has this name",
+        "folder.png": "it is a folder",
         "none/picture.png": "there is no folder",
     }
     for name, message in faults.items():
