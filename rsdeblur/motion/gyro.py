@@ -45,6 +45,12 @@ ASIDE, TOP = math.radians(50), math.radians(130)
 AVERAGED = 16
 
 
+def samples_around(t: FloatArray, t0: float, t1: float) -> slice:
+    """Return the samples from the last one at or before `t0` to the first one at or after `t1`, at least two."""
+    first = int(np.clip(np.searchsorted(t, t0, side="right") - 1, 0, len(t) - 2))
+    return slice(first, max(int(np.searchsorted(t, t1)) + 1, first + 2))
+
+
 class SensorLog:
     """Samples of three values, with their times in s relative to an integer epoch.
 
@@ -172,9 +178,8 @@ class SensorLog:
             raise InputError(f"t1 must not be before t0, got t0 = {t0} and t1 = {t1}")
         if t1 < self.t[0] or t0 > self.t[-1]:
             raise InputError(f"no samples between {t0} s and {t1} s: the log spans {self.t[0]} s to {self.t[-1]} s")
-        first = int(np.clip(np.searchsorted(self.t, t0, side="right") - 1, 0, len(self) - 2))
-        last = int(np.clip(np.searchsorted(self.t, t1, side="left") + 1, first + 2, len(self)))
-        return self._derived(t=self.t[first:last], **{self.VALUES: getattr(self, self.VALUES)[first:last]})
+        part = samples_around(self.t, t0, t1)
+        return self._derived(t=self.t[part], **{self.VALUES: getattr(self, self.VALUES)[part]})
 
     def covering(self, t0: float, t1: float, epoch_ns: int) -> Self:
         """Return the samples that describe [t0, t1], with their times relative to another epoch.
