@@ -137,10 +137,6 @@ class SensorLog:
         dt : float
             Seconds added to every sample time.
 
-        Returns
-        -------
-        Self
-
         Raises
         ------
         InputError
@@ -164,10 +160,6 @@ class SensorLog:
         t0, t1 : float
             Times in s relative to `epoch_ns`, `t0 <= t1`.
 
-        Returns
-        -------
-        Self
-
         Raises
         ------
         InputError
@@ -190,10 +182,6 @@ class SensorLog:
             Gyro time in s relative to the new epoch.
         epoch_ns : int
             The new epoch in nanoseconds.
-
-        Returns
-        -------
-        Self
 
         Raises
         ------
@@ -306,10 +294,6 @@ class GyroLog(SensorLog):
         ----------
         b : array_like, shape (3,)
             Bias in rad/s about the IMU's axes.
-
-        Returns
-        -------
-        GyroLog
 
         Raises
         ------

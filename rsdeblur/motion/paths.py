@@ -121,10 +121,6 @@ class Capture:
         softness : float, default 0.0
             Blur of lens, pixels and demosaicing, px, see :class:`Capture`.
 
-        Returns
-        -------
-        Capture
-
         Raises
         ------
         InputError
@@ -162,48 +158,33 @@ class Capture:
         return np.concatenate([rotations, shifts], axis=-1).reshape(-1, 12)
 
     def position(self, times: FloatArray) -> FloatArray:
-        """Return the positions of the camera at given times; zeros without a translation.
+        """Return positions of the camera in units of the scene's depth, of a map its median; 0 without a translation.
 
         Parameters
         ----------
         times : ndarray
-            Times in s relative to the exposure's epoch; any shape.
-
-        Returns
-        -------
-        ndarray, shape ``times.shape + (3,)``
-            Positions in units of the scene's depth, of a map its median.
+            Times in s relative to the exposure's epoch; any shape. The positions have the shape ``times.shape + (3,)``.
         """
         return np.zeros((*times.shape, 3)) if self.translation is None else self.translation.at(times)
 
     def points(self, pixels: FloatArray) -> FloatArray:
-        """Return the scene points that pixels see.
+        """Return the scene points (..., 3) that pixels see, in camera axes; without a translation, only directions.
 
         Parameters
         ----------
         pixels : ndarray, shape (..., 2)
-            (x, y) in px.
-
-        Returns
-        -------
-        ndarray, shape (..., 3)
-            In camera axes: points in the units of :meth:`position`, or only their directions without a translation.
+            (x, y) in px. The points are in the units of :meth:`position`.
         """
         rays = self.camera.rays(pixels)
         return rays if self.translation is None else self.depth(pixels)[..., None] * rays / rays[..., 2:]
 
     def depth(self, pixels: FloatArray) -> FloatArray:
-        """Return the depth of the scene that pixels see; 1 without a translation.
+        """Return the depth (...) of the scene that pixels see; 1 without a translation.
 
         Parameters
         ----------
         pixels : ndarray, shape (..., 2)
-            (x, y) in px.
-
-        Returns
-        -------
-        ndarray, shape (...)
-            In the units of :meth:`position`.
+            (x, y) in px. The depth is in the units of :meth:`position`.
         """
         if self.translation is None:
             return np.ones(pixels.shape[:-1])
@@ -211,17 +192,12 @@ class Capture:
         return self.translation.relative_depth(*np.moveaxis(pixels / last, -1, 0))
 
     def mid(self, rows: FloatArray) -> FloatArray:
-        """Return the mid-exposure times of rows.
+        """Return the mid-exposure times of rows, in s relative to the exposure's epoch.
 
         Parameters
         ----------
         rows : ndarray
             Picture rows in px, fractions allowed; any shape.
-
-        Returns
-        -------
-        ndarray
-            Times in s relative to the exposure's epoch, shaped like `rows`.
         """
         opens, closes = self.exposure.window(rows, self.camera)
         return 0.5 * (opens + closes)
@@ -327,10 +303,6 @@ class BlurPaths:
         reference : Capture, optional
             Capture of the same recording whose picture the grid belongs to, see `rsdeblur.motion.alignment`;
             default `capture` itself.
-
-        Returns
-        -------
-        BlurPaths
 
         Raises
         ------

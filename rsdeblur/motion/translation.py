@@ -144,7 +144,7 @@ class Translation:
         return replace(known, t=t, position=position + t[:, None] * (px / exposure.duration))
 
     def covering(self, t0: float, t1: float, epoch_ns: int) -> Translation:
-        """Return the track with its times relative to another epoch.
+        """Return the whole track with its times relative to another epoch.
 
         Parameters
         ----------
@@ -152,11 +152,6 @@ class Translation:
             Times that the track must cover, in s relative to the new epoch.
         epoch_ns : int
             The new epoch in nanoseconds.
-
-        Returns
-        -------
-        Translation
-            The whole track, with the new epoch.
 
         Raises
         ------
@@ -179,17 +174,12 @@ class Translation:
         return self.depth if isinstance(self.depth, float) else float(np.median(self.depth))
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Return the positions at given times.
+        """Return the positions at given times, in units of `middle_depth`, shape ``times.shape + (3,)``.
 
         Parameters
         ----------
         times : ndarray
             Times in s relative to `epoch_ns`; any shape.
-
-        Returns
-        -------
-        ndarray, shape ``times.shape + (3,)``
-            Positions in units of `middle_depth`.
         """
         times = validate.array("times", times)
         return np.stack([np.interp(times, self.t, axis) for axis in self.position.T], axis=-1) / self.middle_depth
@@ -202,11 +192,6 @@ class Translation:
         across, down : ndarray
             Places as shares of the way from the first to the last column, and from the first to the last row. Beyond
             the picture, the depth of its border continues.
-
-        Returns
-        -------
-        ndarray, shaped like `across`
-            The depths.
         """
         if isinstance(self.depth, float):
             return np.ones(np.shape(across))
