@@ -45,6 +45,22 @@ ASIDE, TOP = math.radians(50), math.radians(130)
 AVERAGED = 16
 
 
+def checked_samples(t: ArrayLike, name: str, values: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return increasing times (n,) and values (n, 3), at least two, as arrays; messages call the values `name`."""
+    t = validate.real_array("t", t, (None,))
+    values = validate.real_array(name, values, (None, 3), most=LARGEST)
+    if len(t) != len(values) or len(t) < 2:
+        raise InputError(f"t and {name} must have the same length, at least 2 samples; got {len(t)} and {len(values)}")
+    (wrong,) = np.nonzero(np.diff(t) <= 0)
+    if wrong.size:
+        i = int(wrong[0])
+        raise InputError(
+            f"t must increase: sample {i + 1} (t = {t[i + 1]:.9f} s) is not after sample {i} (t = {t[i]:.9f} s); "
+            "sort the samples and drop repeated timestamps"
+        )
+    return t, values
+
+
 def samples_around(t: FloatArray, t0: float, t1: float) -> slice:
     """Return the samples from the last one at or before `t0` to the first one at or after `t1`, at least two."""
     first = int(np.clip(np.searchsorted(t, t0, side="right") - 1, 0, len(t) - 2))
@@ -66,22 +82,9 @@ class SensorLog:
 
     def _check(self) -> None:
         """Validate the fields and make the arrays read-only."""
-        name = self.VALUES
-        t = validate.real_array("t", self.t, (None,))
-        values = validate.real_array(name, getattr(self, name), (None, 3), most=LARGEST)
-        if len(t) != len(values):
-            raise InputError(f"t and {name} must have the same length, got {len(t)} and {len(values)}")
-        if len(t) < 2:
-            raise InputError(f"a log needs at least 2 samples, got {len(t)}")
-        (wrong,) = np.nonzero(np.diff(t) <= 0)
-        if wrong.size:
-            i = int(wrong[0])
-            raise InputError(
-                f"t must increase: sample {i + 1} (t = {t[i + 1]:.9f} s) is not after sample {i} (t = {t[i]:.9f} s); "
-                "sort the samples and drop repeated timestamps"
-            )
+        t, values = checked_samples(self.t, self.VALUES, getattr(self, self.VALUES))
         object.__setattr__(self, "t", t)
-        object.__setattr__(self, name, values)
+        object.__setattr__(self, self.VALUES, values)
         object.__setattr__(self, "epoch_ns", validate.nanoseconds("epoch_ns", self.epoch_ns))
 
     def _derived(self, **changes: FloatArray | int) -> Self:

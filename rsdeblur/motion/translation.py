@@ -14,6 +14,7 @@ from rsdeblur.motion.axes import imu_to_camera
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.camera_values import MOST_PIXELS
 from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import checked_samples
 from rsdeblur.types import FloatArray
 
 # s. Times relative to different epochs differ by less, from rounding; clocks count in it.
@@ -63,11 +64,7 @@ class Translation:
     epoch_ns: int = 0
 
     def __post_init__(self) -> None:
-        t = validate.real_array("t", self.t, (None,))
-        position = validate.real_array("position", self.position, (None, 3))
-        if len(t) != len(position) or len(t) < 2:
-            raise InputError(f"t and position must have the same length, at least 2; got {len(t)} and {len(position)}")
-        validate.increasing("t", t)
+        t, position = checked_samples(self.t, "position", self.position)
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "depth", _depths(self.depth))
