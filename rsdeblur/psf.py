@@ -190,11 +190,6 @@ class PsfBank:
         PsfBank
             Its kernel is integrated over each pixel, and centred. It belongs to any size of picture.
 
-        Raises
-        ------
-        InputError
-            If an argument is not a number of its range.
-
         Examples
         --------
         >>> import rsdeblur

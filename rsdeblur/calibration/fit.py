@@ -67,23 +67,17 @@ class MeanOrientation:
 class Parameters(NamedTuple):
     """Unknowns of a clip."""
 
-    # Camera time minus gyro time in the middle row, s.
-    offset: float = 0.0
-    # Readout time along y and along x, s; negative from bottom to top and from right to left.
-    down: float = 0.0
-    across: float = 0.0
-    # Logarithm of the focal length over that of the start.
-    focal: float = 0.0
-    # Small rotation after the mounting, rad, camera axes.
-    turn_x: float = 0.0
+    offset: float = 0.0  # camera time minus gyro time in the middle row, s
+    down: float = 0.0  # readout time along y, s; negative from bottom to top
+    across: float = 0.0  # readout time along x, s; negative from right to left
+    focal: float = 0.0  # logarithm of the focal length over that of the start
+    turn_x: float = 0.0  # small rotation after the mounting, rad, camera axes
     turn_y: float = 0.0
     turn_z: float = 0.0
-    # Rates that the gyro shows at rest, rad/s, IMU axes.
-    bias_x: float = 0.0
+    bias_x: float = 0.0  # rates that the gyro shows at rest, rad/s, IMU axes
     bias_y: float = 0.0
     bias_z: float = 0.0
-    # Increase of the offset per second.
-    drift: float = 0.0
+    drift: float = 0.0  # increase of the offset per second
 
 
 # Steps of numerical derivatives: each moves a point by about a thousandth of a pixel or more.

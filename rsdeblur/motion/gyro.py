@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Collection, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple, Self
 
@@ -89,9 +90,8 @@ class SensorLog:
 
     def _derived(self, **changes: FloatArray | int) -> Self:
         """Return a changed copy of this valid log, without the checks and without a second warning."""
-        log = object.__new__(type(self))
-        for name in ("t", self.VALUES, "epoch_ns"):
-            value = changes.get(name, getattr(self, name))
+        log = copy(self)
+        for name, value in changes.items():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
             object.__setattr__(log, name, value)

@@ -45,8 +45,6 @@ ROW_SAMPLES_PER_PIXEL = 1
 ROWS_TOGETHER = 64
 # Most points of paths traced at a time: 2.4 GB of poses.
 MOST_POINTS = 6_000_000
-
-
 # Steps of the fixed-point iteration. Each multiplies the error by (vertical speed x line time), at most about 0.1 in
 # practice: after three, a path of 100 px is right to 0.1 px in the worst case and usually to 1e-3 px.
 FIXED_POINT_STEPS = 3
@@ -303,11 +301,6 @@ class BlurPaths:
         reference : Capture, optional
             Capture of the same recording whose picture the grid belongs to, see `rsdeblur.motion.alignment`;
             default `capture` itself.
-
-        Raises
-        ------
-        InputError
-            If an argument is out of its range.
         """
         validate.instance("capture", capture, Capture)
         rows, cols = (validate.real_array(name, grid, (None,)) for name, grid in (("rows", rows), ("cols", cols)))
@@ -345,11 +338,6 @@ class BlurPaths:
         -------
         BlurPaths
             With at least one time sample per pixel of the longest path.
-
-        Raises
-        ------
-        InputError
-            If an argument is out of its range.
         """
         validate.instance("capture", capture, Capture)
         validate.instance("within", within, slice)

@@ -102,11 +102,6 @@ class Translation:
         Translation
             The track. Only the ratio of its speed and depth matters.
 
-        Raises
-        ------
-        InputError
-            If an argument is out of range.
-
         Examples
         --------
         >>> import rsdeblur
