@@ -155,10 +155,8 @@ def match_clip(
     start = -np.inf
     for count, (image, exposure) in enumerate(zip_longest(validate.items("frames", frames), exposures)):
         if image is None or exposure is None:
-            given = f"{count}" if image is None else f"more than {count}"
-            raise InputError(
-                f"there must be one exposure for each frame, got {given} frames and {len(exposures)} exposures"
-            )
+            given = count if image is None else f"more than {count}"
+            raise InputError(f"give one exposure for each frame, got {given} frames and {len(exposures)} exposures")
         now = ReducedFrame(_grey(image, camera))
         end = 1e-9 * (exposure.epoch_ns - exposures[0].epoch_ns) + exposure.start - share * exposure.duration
         if end <= start:

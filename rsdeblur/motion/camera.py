@@ -122,11 +122,9 @@ class Camera:
         put("width", values.pixels("width", width))
         put("height", values.pixels("height", height))
         put("focal_length", values.focal_length(focal_length))
-        principal_point = ((self.width - 1) / 2, (self.height - 1) / 2) if principal_point is None else principal_point
-        put(
-            "principal_point",
-            tuple(map(float, validate.real_array("principal_point", principal_point, (2,), most=values.LARGEST))),
-        )
+        centre = ((self.width - 1) / 2, (self.height - 1) / 2) if principal_point is None else principal_point
+        cx, cy = validate.real_array("principal_point", centre, (2,), most=values.LARGEST).tolist()
+        put("principal_point", (cx, cy))
         put("readout_time", validate.finite("readout_time", readout_time, minimum=0.0, maximum=validate.MOST_SECONDS))
         put("readout_sd", validate.finite("readout_sd", readout_sd, minimum=0.0, maximum=validate.MOST_SECONDS))
         put("readout_direction", validate.choice("readout_direction", readout_direction, READOUT_DIRECTIONS))

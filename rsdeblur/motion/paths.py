@@ -411,7 +411,12 @@ def _traced(capture: Capture, reference: Capture, rows: FloatArray, cols: FloatA
     opens, closes = capture.exposure.window(lines, camera)
     times = opens[..., None] + (closes - opens)[..., None] * np.linspace(0.0, 1.0, samples)
     if capture.motion == "small-angle":
-        return _small_angle(capture, times, capture.mid(lines), capture.depth(pixels))
+        # Sindelar and Sroubek (2013), eq. 6: the picture moves by f (-theta_y, +theta_x), and against the translation.
+        mid, depth = capture.mid(lines), capture.depth(pixels)[..., None, None]
+        angles = capture.track.angles(times) - capture.track.angles(mid)[..., None, :]
+        shifts = capture.position(times) - capture.position(mid)[..., None, :]
+        turns = np.stack([-angles[..., 1], angles[..., 0]], axis=-1)
+        return (turns - shifts[..., :2] / depth) * camera.focal_length
     scene, orientation, position = capture.points(pixels), capture.track.at(times), capture.position(times)
     # The place of the pixel itself is nearly right: a path is short.
     if capture is reference and camera.distortion_model == "none":
@@ -421,15 +426,3 @@ def _traced(capture: Capture, reference: Capture, rows: FloatArray, cols: FloatA
         return pinhole_paths(*poses, scene, rows, cols, capture.row_poses, pinhole, steps)
     world = np.einsum("bstji,bsj->bsti", orientation, scene) + position
     return points[:, :, None] - shown_at(reference, world, points[:, :, None], FIXED_POINT_STEPS)
-
-
-def _small_angle(capture: Capture, times: FloatArray, reference: FloatArray, depth: FloatArray) -> FloatArray:
-    """Return displacements (..., T, 2) at `times` (..., T) from a `reference` time (...) on, for a `depth` (...).
-
-    This is the approximation of Sindelar and Sroubek (2013), eq. 6.
-    """
-    angles = capture.track.angles(times) - capture.track.angles(reference)[..., None, :]
-    shifts = capture.position(times) - capture.position(reference)[..., None, :]
-    # The picture moves by f (-theta_y, +theta_x), and opposite to the camera's translation.
-    turns = np.stack([-angles[..., 1], angles[..., 0]], axis=-1)
-    return (turns - shifts[..., :2] / depth[..., None, None]) * capture.camera.focal_length

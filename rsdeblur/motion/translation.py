@@ -331,15 +331,11 @@ class Trajectory:
         to_camera = np.eye(3) if axes == "camera" else camera.imu_to_camera if axes == "imu" else imu_to_camera(axes)
         track = Translation(self.t, self.position, depth, self.epoch_ns).covering(opens, closes, exposure.epoch_ns)
         start = track.at(np.array(opens)) * track.middle_depth
-        moved = (track.position - start) @ self._orientation(opens, track.t) @ to_camera.T
-        return replace(track, position=moved)
+        turn = np.eye(3)  # world from body
+        if self.quaternion is not None:
+            from scipy.spatial.transform import Rotation, Slerp  # takes 0.25 s to import
 
-    def _orientation(self, time: float, times: FloatArray) -> FloatArray:
-        """Return the orientation, world from body, at a time among the trajectory's `times`."""
-        if self.quaternion is None:
-            return np.eye(3)
-        from scipy.spatial.transform import Rotation, Slerp  # takes 0.25 s to import
-
-        # A track may begin or end by a tick of the clock inside the exposure.
-        time = float(np.clip(time, times[0], times[-1]))
-        return Slerp(times, Rotation.from_quat(self.quaternion))(time).as_matrix()
+            # A track may begin or end by a tick of the clock inside the exposure.
+            time = float(np.clip(opens, track.t[0], track.t[-1]))
+            turn = Slerp(track.t, Rotation.from_quat(self.quaternion))(time).as_matrix()
+        return replace(track, position=(track.position - start) @ turn @ to_camera.T)
