@@ -31,7 +31,7 @@ from benchmarks.tables import append, markdown, recorded, report
 from rsdeblur import Camera, Exposure, GyroLog, Translation, deblur, deblur_burst, simulate_clip
 from rsdeblur.choices import Auto, Mode, Prior
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.motion.alignment import Alignment, burst_captures
+from rsdeblur.motion.paths import burst_captures, places
 from rsdeblur.simulation import Layer
 
 # (Kodak picture, start in the log in s)
@@ -228,8 +228,8 @@ def aligned(burst: Burst, log: GyroLog, camera: Camera, reference: int) -> list[
     rows, cols = np.arange(float(CAMERA.height)), np.arange(float(CAMERA.width))
     pictures = []
     for capture, frame in zip(captures, burst.frames, strict=True):
-        places = Alignment(capture, captures[reference]).places(np.stack(np.meshgrid(cols, rows), axis=-1))
-        x, y = np.moveaxis(places.astype(np.float32), -1, 0)
+        shown = places(capture, captures[reference], np.stack(np.meshgrid(cols, rows), axis=-1))
+        x, y = np.moveaxis(shown.astype(np.float32), -1, 0)
         light = EncodedImage.of(frame, "linear").linear(slice(None))
         moved = np.stack([ndimage.map_coordinates(part, [y, x], order=3) for part in np.moveaxis(light, -1, 0)], -1)
         seen = (x >= 0) & (x <= CAMERA.width - 1) & (y >= 0) & (y <= CAMERA.height - 1)

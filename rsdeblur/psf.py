@@ -99,10 +99,6 @@ class PsfBank:
             kernels.
         threads : int, optional
             Number of threads that share the work; default all processors. Any number gives the same bits.
-
-        Returns
-        -------
-        PsfBank
         """
         validate.instance("paths", paths, BlurPaths)
         height, width = size_of(paths)
@@ -126,10 +122,6 @@ class PsfBank:
             a row or column of zeros at its end.
         shape : tuple of int
             Shape of the picture, (H, W) or (H, W, C). The kernels are exact at the centres of B x S equal tiles.
-
-        Returns
-        -------
-        PsfBank
 
         Raises
         ------
@@ -157,10 +149,6 @@ class PsfBank:
             same.
         tile : int, default 32
             Side of the tiles, px, over which lines are averaged: lengths, and double angles.
-
-        Returns
-        -------
-        PsfBank
 
         Raises
         ------
@@ -201,11 +189,6 @@ class PsfBank:
         -------
         PsfBank
             Its kernel is integrated over each pixel, and centred. It belongs to any size of picture.
-
-        Raises
-        ------
-        InputError
-            If an argument is not a number of its range.
 
         Examples
         --------
@@ -376,10 +359,6 @@ class PsfBank:
         ----------
         path : path-like
             The file.
-
-        Returns
-        -------
-        PsfBank
 
         Raises
         ------

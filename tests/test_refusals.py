@@ -20,7 +20,7 @@ from rsdeblur.deconv import DerivativePrior, TileQuadratic
 from rsdeblur.deconv.burst import BurstQuadratic
 from rsdeblur.io import Picture
 from rsdeblur.motion import AccelerationLog, BlurPaths, Capture, Trajectory
-from rsdeblur.motion.alignment import burst_captures
+from rsdeblur.motion.paths import burst_captures
 from rsdeblur.report import psf_map, side_by_side
 
 HEIGHT, WIDTH = SHAPE = 36, 48
@@ -177,7 +177,7 @@ KERNELS: list[tuple[str, Call]] = [
     ("y must be a number", lambda: BANK.at("top", 0)),
     ("bands times strips", lambda: rs.psfs(LOG, Camera(4000, 3000, 3e3), EXPOSURE, bands=2000, strips=200)),
     ("points, more than", lambda: rs.psfs(turning(-8.0), Camera(4000, 3000, 3e3), EXPOSURE, bands=3000, strips=5)),
-    ("blur reaches|motion leads", lambda: rs.psfs(turning(np.pi), CAMERA, Exposure(0.0, 0.9))),
+    ("blur reaches|not finite", lambda: rs.psfs(turning(np.pi), CAMERA, Exposure(0.0, 0.9))),
     ("points, more than", lambda: rs.psfs(
         GyroLog(np.arange(12_000) * 0.005, np.zeros((12_000, 3))), CAMERA, Exposure(1.0, 55.0))),
 ]  # fmt: skip

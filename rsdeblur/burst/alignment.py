@@ -13,7 +13,6 @@ from rsdeblur._util.threads import share, share_map, thread_count
 from rsdeblur.burst.frames import BurstFrame, FrameFit, reduced_bank
 from rsdeblur.choices import Auto
 from rsdeblur.image.highlights import HighlightSplit
-from rsdeblur.motion.alignment import Alignment
 from rsdeblur.motion.paths import Capture
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.steps import StageClock, tuned_part
@@ -105,7 +104,7 @@ def _fitted(
     threads: int | None,
 ) -> AlignedBurst:
     frames = [
-        BurstFrame(split, Alignment(capture, captures[index]), tuning)
+        BurstFrame(split, capture, captures[index], tuning)
         for split, capture, tuning in zip(splits, captures, tunings, strict=True)
     ]
     reference = frames[index]
@@ -113,7 +112,7 @@ def _fitted(
     # Equally blurred pictures are computed in 8 bands and 4 strips.
     rows, cols = tile_centres(min(8, height), height), tile_centres(min(4, width), width)
     report = clock.within("align")
-    banks = share_map(lambda frame: reduced_bank(frame.alignment.paths(rows, cols), reference.factor), frames, threads)
+    banks = share_map(lambda frame: reduced_bank(frame.paths(rows, cols), reference.factor), frames, threads)
     fits: dict[int, FrameFit] = {}
 
     def fit(thread: int, n: int) -> None:

@@ -20,11 +20,11 @@ from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.refine import REFINED_FRAMES, Refinement
 from rsdeblur.image.encoded import EncodedImage, ReadoutFrame, check_size, result_like
 from rsdeblur.image.mending import UndershootMeter
-from rsdeblur.motion.alignment import burst_captures
 from rsdeblur.motion.arguments import check_recording, exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.paths import burst_captures
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult, refined_together
 from rsdeblur.pipeline.steps import StageClock, judged, solve_chunks, split_highlights
@@ -205,9 +205,9 @@ def deblur_burst(
     with clock.stage("psfs"):
         solution = BurstSolution.of(burst, chosen)
     first, meter = burst.reference, UndershootMeter(burst.reference.encoded.shape[0])
-    pairs = [(frame.encoded, frame.alignment.capture) for frame in solution.frames]
+    pairs = [(frame.encoded, frame.capture) for frame in solution.frames]
     evidence = partial(MotionEvidence.of_burst, pairs, threads=chosen.threads)
-    coverage = solve_chunks(first.split, upright, solution, clock, meter=meter, capture=first.alignment.capture)
+    coverage = solve_chunks(first.split, upright, solution, clock, meter=meter, capture=first.capture)
     check = judged(first.encoded, upright, evidence, meter, chosen, clock)
     bank, strengths = solution.bank, solution.strengths
     shares = dict(zip(burst.used, solution.shares, strict=True))

@@ -20,12 +20,11 @@ from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.kernels.resample import sample, to_spline
-from rsdeblur.motion.alignment import Alignment
-from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.motion.paths import BlurPaths, Capture, places
 from rsdeblur.psf import PsfBank
 from rsdeblur.tuning.noise import noise_level
 from rsdeblur.tuning.strength import Tuning
-from rsdeblur.types import Float32Array, FloatImage
+from rsdeblur.types import Float32Array, FloatArray, FloatImage
 
 # Distance in px between the points whose places are traced; between them, interpolation errs by less than 0.01 px for
 # shifts of up to 100 px.
@@ -166,9 +165,14 @@ class BurstFrame:
     """One frame of a burst."""
 
     split: HighlightSplit  # readout along y, without its highlights if these are to be separated
-    alignment: Alignment  # of the frame and the reference
+    capture: Capture
+    reference: Capture  # of the frame that others are referred to
     tuning: Tuning
     fit: FrameFit | None = None  # None before it is compared, and for the reference
+
+    def paths(self, rows: FloatArray, cols: FloatArray) -> BlurPaths:
+        """Return the paths of the resampled frame at the rows (B,) and columns (S,) of the reference, px."""
+        return BlurPaths.from_capture(self.capture, rows, cols, reference=self.reference)
 
     @property
     def encoded(self) -> EncodedImage:
@@ -184,7 +188,7 @@ class BurstFrame:
         if self.fit is not None:
             shift = [_interpolated(part, *self._reduced(rows, cols)) for part in np.moveaxis(self.fit.shift, -1, 0)]
             moved = points + self.factor * np.stack(shift, axis=-1)
-        values: Float32Array = (self.alignment.places(moved) - points).astype(np.float32)
+        values: Float32Array = (places(self.capture, self.reference, moved) - points).astype(np.float32)
         return values
 
     @once

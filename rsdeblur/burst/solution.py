@@ -16,6 +16,7 @@ from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.chroma import Solve
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.deconv.wiener import TileBlur
+from rsdeblur.motion.alignment import paths_between
 from rsdeblur.pipeline.memory import least_memory
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.solver import Chunk, PictureSolver
@@ -52,7 +53,7 @@ class BurstSolution(PictureSolver):
         few = _banks(frames, *(tile_centres(min(KERNELS, n), n) for n in (height, width)), threads=options.threads)
         spectra = [BlurSpectra.of(bank, one_filter=options.has_one_psf) for bank in few]
         tunings = [replace(frame.tuning, spectra=of) for frame, of in zip(frames, spectra, strict=True)]
-        captures = [frame.alignment.capture for frame in frames]
+        captures = [frame.capture for frame in frames]
         in_tiles = mode == "banded" and not options.has_one_psf
         tuning, shares = combined(tunings, [sum(tile_errors(each)) if in_tiles else 0.0 for each in captures])
         peak = brightness(burst.reference.split.remainder(slice(None), 4))
@@ -116,7 +117,9 @@ class BurstSolution(PictureSolver):
         if self.options.mode_in_effect != "rowwise":
             return BurstQuadratic(banks, self.shares, shape, wiener=self.strengths.weight is None, **engine)
         every_row = share_map(
-            lambda frame: frame.alignment.every_row(chunk.source, chunk.bank.cols), self.frames, self.options.threads
+            lambda frame: paths_between(frame.capture, frame.reference, chunk.source, chunk.bank.cols),
+            self.frames,
+            self.options.threads,
         )
         return RowBurst(every_row, self.shares, shape, reach=chunk.bank.size[1] // 2, **engine)
 
@@ -143,7 +146,7 @@ class BurstSolution(PictureSolver):
 
 def _banks(frames: Sequence[BurstFrame], rows: FloatArray, cols: FloatArray, *, threads: int | None) -> list[PsfBank]:
     """Return the PSFs of the resampled frames on one grid, as large as the largest ones."""
-    paths = share_map(lambda frame: frame.alignment.paths(rows, cols), frames, threads)
+    paths = share_map(lambda frame: frame.paths(rows, cols), frames, threads)
     banks = [PsfBank.from_paths(each, threads=threads) for each in paths]
     tall, wide = np.max([bank.size for bank in banks], axis=0).tolist()
     return [bank.padded((tall, wide)) for bank in banks]

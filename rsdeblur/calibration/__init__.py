@@ -1,4 +1,4 @@
-"""Calibration of camera, clock and gyro: from clips, from blurred photos, and from the bands of a lamp."""
+"""Calibration of camera, clock and gyro: from clips and from blurred photos."""
 
 import lazy_loader
 

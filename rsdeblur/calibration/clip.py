@@ -1,9 +1,8 @@
 """Calibration of camera, clock and IMU from a clip: the motion between its frames against the gyro log.
 
-Karpenko et al. (2011), Jia and Evans (2014), and Forssen and Ringaby (2010) calibrate in this way
-(docs/theory/estimates.md). Here the search of
-clock and mounting comes first, so no start values are needed, and the errors that all points of two frames share have
-a variance of their own, so translation of the camera widens the deviations instead of hiding in them.
+Unlike in the works that :func:`calibrate` names, the search of clock and mounting comes first, so no start values are
+needed, and the errors that all points of two frames share have a variance of their own, so translation of the camera
+widens the deviations instead of hiding in them (docs/theory/estimates.md).
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.interpolate import make_interp_spline
 from scipy.optimize import least_squares
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
@@ -44,7 +45,6 @@ class MeanOrientation:
 
     def __init__(self, t: FloatArray, omega: FloatArray) -> None:
         track = OrientationTrack.integrated(t, omega)
-        self._origin = float(t[0])
         times = np.arange(t[0], t[-1], TABLE_STEP)
         quaternions = Rotation.from_matrix(track.at(times)).as_quat()
         # q and -q are one rotation; neighbours must have the same sign for a mean.
@@ -53,43 +53,31 @@ class MeanOrientation:
         rates = np.linalg.norm([np.interp(times, t, rate) for rate in omega.T], axis=0)
         # The scale of a quaternion does not matter, so the sum of the weights need not be known.
         quaternions *= ((rates + LEAST_RATE) ** RATE_POWER)[:, None]
-        self._integral = np.concatenate([np.zeros((1, 4)), np.cumsum(quaternions, axis=0)])
+        # Sample k covers the interval around its time.
+        edges = t[0] + TABLE_STEP * (np.arange(len(times) + 1) - 0.5)
+        self._integral = make_interp_spline(edges, np.pad(quaternions.cumsum(axis=0), ((1, 0), (0, 0))), k=1)
 
     def at(self, opens: FloatArray, durations: FloatArray) -> Rotation:
         """Return the mean rotations of exposures, IMU-from-world; times beyond the log are moved to its ends."""
         durations = np.maximum(durations, 2 * TABLE_STEP)
         # The mean over [opens, opens + duration] is that over a box, whose ends the integral interpolates.
-        return Rotation.from_quat(self._at(opens + durations) - self._at(opens))
-
-    def _at(self, times: FloatArray) -> FloatArray:
-        # Sample k covers the interval around its time.
-        place = (times - self._origin) / TABLE_STEP + 0.5
-        i = np.clip(place.astype(int), 0, len(self._integral) - 2)
-        fraction = (place - i)[:, None]
-        values: FloatArray = (1.0 - fraction) * self._integral[i] + fraction * self._integral[i + 1]
-        return values
+        return Rotation.from_quat(self._integral(opens + durations) - self._integral(opens))
 
 
 class Parameters(NamedTuple):
     """Unknowns of a clip."""
 
-    # Camera time minus gyro time in the middle row, s.
-    offset: float = 0.0
-    # Readout time along y and along x, s; negative from bottom to top and from right to left.
-    down: float = 0.0
-    across: float = 0.0
-    # Logarithm of the focal length over that of the start.
-    focal: float = 0.0
-    # Small rotation after the mounting, rad, camera axes.
-    turn_x: float = 0.0
+    offset: float = 0.0  # camera time minus gyro time in the middle row, s
+    down: float = 0.0  # readout time along y, s; negative from bottom to top
+    across: float = 0.0  # readout time along x, s; negative from right to left
+    focal: float = 0.0  # logarithm of the focal length over that of the start
+    turn_x: float = 0.0  # small rotation after the mounting, rad, camera axes
     turn_y: float = 0.0
     turn_z: float = 0.0
-    # Rates that the gyro shows at rest, rad/s, IMU axes.
-    bias_x: float = 0.0
+    bias_x: float = 0.0  # rates that the gyro shows at rest, rad/s, IMU axes
     bias_y: float = 0.0
     bias_z: float = 0.0
-    # Increase of the offset per second.
-    drift: float = 0.0
+    drift: float = 0.0  # increase of the offset per second
 
 
 # Steps of numerical derivatives: each moves a point by about a thousandth of a pixel or more.
@@ -132,15 +120,6 @@ class ClipModel:
         residuals: FloatArray = (predicted - self._ends[1]) * self._camera.focal_length
         # Directions outside the lens model are as wrong as the frame is large.
         return np.nan_to_num(residuals, nan=float(self._camera.width))
-
-    def jacobian(self, parameters: Parameters, free: tuple[str, ...]) -> FloatArray:
-        """Return derivatives of the residuals by the `free` parameters in units of `STEPS`, shape (n, 2, free)."""
-        here = self.residuals(parameters)
-        moved = [
-            self.residuals(parameters._replace(**{name: getattr(parameters, name) + getattr(STEPS, name)}))
-            for name in free
-        ]
-        return np.stack([there - here for there in moved], axis=-1)
 
 
 # Pairs are left out whose shared errors exceed this many standard deviations.
@@ -276,8 +255,8 @@ def fit_clip(
         return np.concatenate([errors.whiten(model.residuals(at(x))), beyond(x)])
 
     def slopes(x: FloatArray, errors: PairErrors) -> FloatArray:
-        prior = np.diag(units / BEYOND_SD * (beyond(x) != 0))
-        return np.concatenate([errors.whiten(model.jacobian(at(x), free)), prior])
+        here = whitened(x, errors)
+        return np.stack([whitened(x + step, errors) - here for step in np.eye(len(x))], axis=-1)
 
     x = np.array([getattr(start, name) for name in free]) / units
     for _ in range(rounds):

@@ -39,16 +39,12 @@ RETURN = 0.5
 class ClipMatches:
     """Matches of all pairs of neighbouring frames of a clip."""
 
-    # (n, 2): (x, y) in px in the first frame of the pair, and in the second one.
-    points: FloatArray
-    moved: FloatArray
-    # (n,): number of the pair, not decreasing.
-    pair: NDArray[np.intp]
-    # (pairs, 2): start of exposure of the middle row of both frames, if the shutter were global, s, camera time without
-    # offset.
+    points: FloatArray  # (n, 2), (x, y) in px in the first frame of the pair
+    moved: FloatArray  # (n, 2), the same in the second frame
+    pair: NDArray[np.intp]  # (n,), number of the pair, not decreasing
+    # (pairs, 2), start of the middle row's exposure if the shutter were global, s, camera time without offset
     opens: FloatArray
-    # (pairs, 2): exposure times of a row, s.
-    durations: FloatArray
+    durations: FloatArray  # (pairs, 2), exposure times of a row, s
 
     def thinned(self, count: int) -> ClipMatches:
         """Return about `count` matches of each pair, with the same numbers of the pairs."""
@@ -159,10 +155,8 @@ def match_clip(
     start = -np.inf
     for count, (image, exposure) in enumerate(zip_longest(validate.items("frames", frames), exposures)):
         if image is None or exposure is None:
-            given = f"{count}" if image is None else f"more than {count}"
-            raise InputError(
-                f"there must be one exposure for each frame, got {given} frames and {len(exposures)} exposures"
-            )
+            given = count if image is None else f"more than {count}"
+            raise InputError(f"give one exposure for each frame, got {given} frames and {len(exposures)} exposures")
         now = ReducedFrame(_grey(image, camera))
         end = 1e-9 * (exposure.epoch_ns - exposures[0].epoch_ns) + exposure.start - share * exposure.duration
         if end <= start:

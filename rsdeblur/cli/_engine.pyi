@@ -14,7 +14,6 @@ from rsdeblur.burst.burst import deblur_burst as deblur_burst
 from rsdeblur.calibration import Calibration as Calibration
 from rsdeblur.calibration.clip import LEAST_PAIRS as LEAST_PAIRS
 from rsdeblur.calibration.clip import calibrate as calibrate
-from rsdeblur.calibration.flicker import measure_flicker as measure_flicker
 from rsdeblur.calibration.matches import LONGEST_STEP as LONGEST_STEP
 from rsdeblur.calibration.photos import calibrate_photos as calibrate_photos
 from rsdeblur.cli._desk import Desk as Desk

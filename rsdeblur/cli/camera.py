@@ -1,4 +1,4 @@
-"""`rsdeblur camera`: create and import camera files; measure the readout."""
+"""`rsdeblur camera`: create and import camera files."""
 
 from __future__ import annotations
 
@@ -9,15 +9,13 @@ from typing import Any
 
 import click
 
-from rsdeblur.choices import CAMERA, READOUT_DIRECTIONS, TIMESTAMP_MARKS, Auto, Transfer
+from rsdeblur.choices import CAMERA, READOUT_DIRECTIONS, TIMESTAMP_MARKS
 from rsdeblur.cli import _engine as rs
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import naming, transfer_of
 from rsdeblur.cli._options import Command, Target, option
 from rsdeblur.cli._output import check_output
-from rsdeblur.cli._types import COUNT, PATH, POSITIVE, READOUT, SECONDS, SIZE, NumberType, TextType, box, numbers
+from rsdeblur.cli._types import COUNT, PATH, POSITIVE, READOUT, SECONDS, SIZE, TextType, box, numbers
 from rsdeblur.cli.info import lines_of
-from rsdeblur.errors import InputError
 
 EXAMPLES = """\b
 Examples:
@@ -26,7 +24,6 @@ Examples:
   rsdeblur camera import camchain-imucam.yaml --name cam1 -o cam1.toml
   rsdeblur camera import movie_metadata.csv --size 1080x1920 --sensor-width 4000 -o phone.toml
   rsdeblur camera import photo.jpg --readout-time 18ms -o phone.toml
-  rsdeblur camera measure-readout wall1.jpg wall2.jpg wall3.jpg --mains 50
 """
 
 
@@ -133,37 +130,6 @@ def import_(source: Path, format: str | None, focal35: float | None, target: Tar
     for _ in range(turn):
         camera = camera.turned()
     _write(replace(file, camera=camera).with_overrides(**values), target)
-
-
-@command.command("measure-readout", cls=Command)
-@click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
-@option("--mains", type=NumberType(40, 70), default=50.0, show_default=True, help="Mains frequency in Hz.")
-@option("--horizontal", is_flag=True, help="The readout runs along x, as in upright phone photos stored upright.")
-@_options.transfer_option
-@_options.target_options()
-def measure_readout(
-    photos: tuple[Path, ...], mains: float, horizontal: bool, transfer: Transfer | Auto, target: Target
-) -> None:
-    """Measure the readout time by the bands that a lamp leaves.
-
-    Take one photo of an evenly lit wall, or better several of one scene from a fixed place, at 1/200 s or shorter: a
-    lamp on the mains flickers at twice the mains frequency. Exit code 1 means that there are no clear bands.
-    """
-    pictures = [rs.read_picture(photo) for photo in photos]
-    with naming(photos[0]):
-        found = rs.measure_flicker(
-            [picture.pixels for picture in pictures],
-            mains=mains,
-            horizontal=horizontal,
-            transfer=transfer_of(pictures[0], transfer),
-        )
-    lines = []
-    if found.readout_time is not None:
-        lines = [f"readout time {1e3 * found.readout_time:.1f} ms: {found.bands:.2f} bands of {500 / mains:.2f} ms"]
-    facts = {"readout_time_s": found.readout_time, "bands": found.bands, "coherence": found.coherence}
-    target.show(facts, *lines)
-    if found.readout_time is None:
-        raise InputError(f"{photos[0]}: {found.reason}")
 
 
 def _write(file: rs.CameraFile, target: Target) -> None:

@@ -12,32 +12,21 @@ alone, whatever the rotation between the frames.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share
-from rsdeblur.choices import Motion
 from rsdeblur.kernels.resample import sample, to_spline
-from rsdeblur.motion.arguments import check_traceable
-from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import (
     FIXED_POINT_STEPS,
     ROW_SAMPLES_PER_PIXEL,
     ROWS_TOGETHER,
-    SAMPLES_PER_PIXEL,
     BlurPaths,
     Capture,
-    exposed_times,
+    enough_samples,
     shown_at,
-    small_angle_displacements,
+    traced_in_parts,
 )
-from rsdeblur.motion.track import OrientationTrack
-from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 
 # Distance of the rows that are traced where the paths of all rows are needed. Interpolated ones are within 0.003 px of
@@ -45,100 +34,20 @@ from rsdeblur.types import FloatArray
 ROW_STEP = 4
 
 
-def burst_captures(
-    log: GyroLog,
-    camera: Camera,
-    exposures: Sequence[Exposure],
-    translation: Translation | None = None,
-    *,
-    motion: Motion = "rotation",
-    softness: float = 0.0,
-) -> list[Capture]:
-    """Return the captures of several exposures, in any order, whose orientations count from one moment.
+def paths_between(capture: Capture, reference: Capture, rows: slice, cols: FloatArray) -> BlurPaths:
+    """Return the paths of a resampled frame at all rows of a part of the reference, counted from its first row.
 
-    The log and the translation must cover all exposures and the times between them. `motion` is the model of the paths
-    within each exposure; frames are aligned by the full rotation. Errors are those of
-    :meth:`rsdeblur.motion.Capture.from_log`.
+    Each `ROW_STEP`-th row is traced; between them, paths are interpolated linearly.
     """
-    epoch = exposures[0].epoch_ns
-    moved = [replace(e, start=e.start + 1e-9 * (e.epoch_ns - epoch), epoch_ns=epoch) for e in exposures]
-    spans = np.array([exposure.span(camera) for exposure in moved])
-    opens, closes = float(spans.min()), float(spans.max())
-    check_traceable(camera, translation)
-    track = OrientationTrack.from_log(log, camera, opens, closes, epoch)
-    if translation is not None:
-        translation = translation.covering(opens, closes, epoch)
-    return [
-        Capture(_during(track, *span), camera, e, translation, motion, softness)
-        for e, span in zip(moved, spans, strict=True)
-    ]
+    from scipy.interpolate import make_interp_spline  # takes 0.3 s to import; only "rowwise" needs it
 
-
-def _during(track: OrientationTrack, opens: float, closes: float) -> OrientationTrack:
-    """Return the part of a track from the last sample before a span to the first one after it."""
-    first = max(int(np.searchsorted(track.t, opens, side="right")) - 1, 0)
-    stop = min(int(np.searchsorted(track.t, closes)) + 1, len(track.t))
-    return OrientationTrack(track.t[first:stop], track.omega[first:stop], track.rotations[first:stop])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Alignment:
-    """A frame of a burst, and the reference that it is referred to; both are from :func:`burst_captures`."""
-
-    capture: Capture
-    reference: Capture
-
-    def places(self, points: FloatArray) -> FloatArray:
-        """Return where the frame shows what the reference shows at `points` (..., 2), both at mid-exposure.
-
-        Places are (x, y) in px; they are NaN where the frame's lens does not show the point.
-        """
-        if self.capture is self.reference:
-            return points
-        mid = self.reference.mid(points[..., 1])
-        orientation = self.reference.track.at(mid)
-        world = np.einsum("...ji,...j->...i", orientation, self.reference.points(points)) + self.reference.position(mid)
-        # Rows of a point may be hundreds apart, which takes some steps more than within a frame.
-        return shown_at(self.capture, world, points, FIXED_POINT_STEPS + 3)
-
-    def paths(self, rows: FloatArray, cols: FloatArray, per_pixel: float = SAMPLES_PER_PIXEL) -> BlurPaths:
-        """Return the paths of the resampled frame at the rows (B,) and columns (S,) of the reference, px."""
-        # Two samples per gyro interval follow every bend of the track. Their paths' lengths give the final number.
-        samples = 2 * len(self.capture.track.t) + 1
-        coarse = BlurPaths(self._displacements(rows, cols, samples), rows, cols)
-        samples = max(samples, int(np.ceil(per_pixel * coarse.lengths.max())) + 1)
-        return BlurPaths(self._displacements(rows, cols, samples), rows, cols, self.capture.softness)
-
-    def every_row(self, rows: slice, cols: FloatArray) -> BlurPaths:
-        """Return the paths of all rows of a part of the reference, counted from its first row.
-
-        Each `ROW_STEP`-th row is traced; between them, paths are interpolated linearly.
-        """
-        from scipy.interpolate import make_interp_spline  # takes 0.3 s to import; only "rowwise" needs it
-
-        traced = np.append(np.arange(float(rows.start), rows.stop - 1, ROW_STEP), rows.stop - 1.0)
-        nodes, every = self.paths(traced, cols, ROW_SAMPLES_PER_PIXEL), np.arange(float(rows.start), rows.stop)
-        between = make_interp_spline(traced, nodes.displacements, k=1)(every)
-        return BlurPaths(between, every - rows.start, cols, nodes.softness)
-
-    def _displacements(self, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
-        paths = np.empty((len(rows), len(cols), samples, 2))
-        for first in range(0, len(rows), ROWS_TOGETHER):
-            some = slice(first, first + ROWS_TOGETHER)
-            paths[some] = self._displacements_of(rows[some], cols, samples)
-        return paths
-
-    def _displacements_of(self, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
-        points = np.stack(np.meshgrid(cols, rows), axis=-1)
-        pixels = self.places(points)
-        times = exposed_times(self.capture, pixels[..., 1], samples)
-        if self.capture.motion == "small-angle":
-            depth = self.capture.depth(pixels)
-            return small_angle_displacements(self.capture, times, self.capture.mid(pixels[..., 1]), depth)
-        seen = self.capture.points(pixels)
-        world = np.einsum("bstji,bsj->bsti", self.capture.track.at(times), seen) + self.capture.position(times)
-        # The reference shows these places as near to the points as a frame's blur is long.
-        return points[:, :, None] - shown_at(self.reference, world, points[:, :, None], FIXED_POINT_STEPS)
+    every = np.arange(float(rows.start), rows.stop)
+    traced = np.append(every[:-1:ROW_STEP], every[-1])
+    # The lengths of a few samples' paths give the final number.
+    coarse = BlurPaths(traced_in_parts(capture, reference, traced, cols, enough_samples(capture, 0.0)), traced, cols)
+    samples = enough_samples(capture, ROW_SAMPLES_PER_PIXEL * float(coarse.lengths.max()))
+    paths = make_interp_spline(traced, traced_in_parts(capture, reference, traced, cols, samples), k=1)
+    return BlurPaths(paths(every), every - rows.start, cols, capture.softness)
 
 
 def rectify(

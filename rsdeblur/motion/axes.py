@@ -51,7 +51,10 @@ def orientation(letters: str) -> FloatArray:
         If `letters` does not name each axis once.
     """
     if not re.fullmatch(r"[XYZxyz]{3}", letters) or len(set(letters.upper())) != 3:
-        raise InputError(f"orientation must name each of X, Y and Z once, like 'YxZ'; got {letters!r}")
+        raise InputError(
+            "orientation must name each of X, Y and Z once, like 'YxZ', or be one of a camera's presets, "
+            f"{', '.join(PRESETS)}; got {letters!r}"
+        )
     matrix = np.zeros((3, 3))
     for row, letter in enumerate(letters):
         matrix[row, "XYZ".index(letter.upper())] = 1.0 if letter.isupper() else -1.0
@@ -76,10 +79,6 @@ def imu_to_camera(name: str) -> FloatArray:
     InputError
         If `name` is neither a preset nor an orientation string.
     """
-    if name not in PRESETS and not re.fullmatch(r"[XYZxyz]{3}", name):
-        raise InputError(
-            f"there is no IMU orientation {name!r}; use one of {', '.join(PRESETS)}, or three letters like 'YxZ'"
-        )
     return np.array(GYROFLOW_TO_CAMERA, dtype=np.float64) @ orientation(PRESETS.get(name, name))
 
 

@@ -122,11 +122,9 @@ class Camera:
         put("width", values.pixels("width", width))
         put("height", values.pixels("height", height))
         put("focal_length", values.focal_length(focal_length))
-        principal_point = ((self.width - 1) / 2, (self.height - 1) / 2) if principal_point is None else principal_point
-        put(
-            "principal_point",
-            tuple(map(float, validate.real_array("principal_point", principal_point, (2,), most=values.LARGEST))),
-        )
+        centre = ((self.width - 1) / 2, (self.height - 1) / 2) if principal_point is None else principal_point
+        cx, cy = validate.real_array("principal_point", centre, (2,), most=values.LARGEST).tolist()
+        put("principal_point", (cx, cy))
         put("readout_time", validate.finite("readout_time", readout_time, minimum=0.0, maximum=validate.MOST_SECONDS))
         put("readout_sd", validate.finite("readout_sd", readout_sd, minimum=0.0, maximum=validate.MOST_SECONDS))
         put("readout_direction", validate.choice("readout_direction", readout_direction, READOUT_DIRECTIONS))
@@ -175,28 +173,18 @@ class Camera:
         rows : ndarray
             Positions along the readout axis of the picture as stored (y, or x for a horizontal readout); any shape,
             fractions allowed.
-
-        Returns
-        -------
-        ndarray
-            Shaped like `rows`.
         """
         backwards = self.readout_direction in ("bottom-up", "right-left")
         rows = validate.array("rows", rows)
         return self.lines - 1 - rows if backwards else rows
 
     def rays(self, points: ArrayLike) -> FloatArray:
-        """Return the viewing directions of pixels.
+        """Return the viewing directions (..., 3) of pixels in camera axes; NaN where the lens model has none.
 
         Parameters
         ----------
         points : array_like, shape (..., 2)
             (x, y) in px.
-
-        Returns
-        -------
-        ndarray, shape (..., 3)
-            In camera axes, of any length; NaN where the lens model has no direction.
         """
         points = values.vectors("points", points, 2)
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
@@ -204,17 +192,12 @@ class Camera:
         return lens.rays(normalised, self.distortion_model, self.distortion)
 
     def project(self, directions: ArrayLike) -> FloatArray:
-        """Return the pixels that see directions; the inverse of :meth:`rays`.
+        """Return the pixels (..., 2), (x, y), that see directions; the inverse of :meth:`rays`.
 
         Parameters
         ----------
         directions : array_like, shape (..., 3)
-            In camera axes, of any length.
-
-        Returns
-        -------
-        ndarray, shape (..., 2)
-            (x, y) in px; NaN behind the camera, where only a fisheye sees anything.
+            In camera axes, of any length. Only a fisheye sees those behind the camera; others give NaN.
         """
         directions = values.vectors("directions", directions, 3)
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
@@ -250,10 +233,6 @@ class Camera:
         s : float
             Factor, positive; sizes are rounded to whole pixels.
 
-        Returns
-        -------
-        Camera
-
         Raises
         ------
         InputError
@@ -269,10 +248,6 @@ class Camera:
         ----------
         width, height : int
             New size in px.
-
-        Returns
-        -------
-        Camera
 
         Raises
         ------
@@ -301,10 +276,6 @@ class Camera:
             First column and row of the part in px.
         width, height : int
             Size of the part in px.
-
-        Returns
-        -------
-        Camera
 
         Raises
         ------
@@ -380,10 +351,6 @@ class Camera:
         path : path-like
             A file written by :meth:`save`, or by hand; all keys except `width`, `height` and `focal_length` are
             optional. Without `readout_time` it is that of a phone, 20 ms, with a `readout_sd` of 10 ms.
-
-        Returns
-        -------
-        Camera
 
         Raises
         ------

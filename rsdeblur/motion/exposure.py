@@ -62,10 +62,8 @@ class Exposure:
 
         Returns
         -------
-        opens : ndarray
-            Starts in s relative to `epoch_ns`, shaped like `rows`.
-        closes : ndarray
-            Ends in s relative to `epoch_ns`, shaped like `rows`.
+        opens, closes : ndarray
+            Starts and ends in s relative to `epoch_ns`, shaped like `rows`.
 
         Raises
         ------
@@ -81,19 +79,12 @@ class Exposure:
         return opens, opens + self.duration
 
     def span(self, camera: Camera) -> tuple[float, float]:
-        """Return the start and the end of the exposure of the whole picture.
+        """Return the start of the first row's exposure and the end of the last one's, in s relative to `epoch_ns`.
 
         Parameters
         ----------
         camera : Camera
             The camera, as for :meth:`window`.
-
-        Returns
-        -------
-        opens : float
-            Start of the first row's exposure in s relative to `epoch_ns`.
-        closes : float
-            End of the last row's exposure in s relative to `epoch_ns`.
         """
         validate.instance("camera", camera, Camera)
         opens, closes = self.window(np.array([0.0, camera.lines - 1.0]), camera)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Collection, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple, Self
 
@@ -45,6 +46,28 @@ ASIDE, TOP = math.radians(50), math.radians(130)
 AVERAGED = 16
 
 
+def checked_samples(t: ArrayLike, name: str, values: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return increasing times (n,) and values (n, 3), at least two, as arrays; messages call the values `name`."""
+    t = validate.real_array("t", t, (None,))
+    values = validate.real_array(name, values, (None, 3), most=LARGEST)
+    if len(t) != len(values) or len(t) < 2:
+        raise InputError(f"t and {name} must have the same length, at least 2 samples; got {len(t)} and {len(values)}")
+    (wrong,) = np.nonzero(np.diff(t) <= 0)
+    if wrong.size:
+        i = int(wrong[0])
+        raise InputError(
+            f"t must increase: sample {i + 1} (t = {t[i + 1]:.9f} s) is not after sample {i} (t = {t[i]:.9f} s); "
+            "sort the samples and drop repeated timestamps"
+        )
+    return t, values
+
+
+def samples_around(t: FloatArray, t0: float, t1: float) -> slice:
+    """Return the samples from the last one at or before `t0` to the first one at or after `t1`, at least two."""
+    first = int(np.clip(np.searchsorted(t, t0, side="right") - 1, 0, len(t) - 2))
+    return slice(first, max(int(np.searchsorted(t, t1)) + 1, first + 2))
+
+
 class SensorLog:
     """Samples of three values, with their times in s relative to an integer epoch.
 
@@ -60,29 +83,15 @@ class SensorLog:
 
     def _check(self) -> None:
         """Validate the fields and make the arrays read-only."""
-        name = self.VALUES
-        t = validate.real_array("t", self.t, (None,))
-        values = validate.real_array(name, getattr(self, name), (None, 3), most=LARGEST)
-        if len(t) != len(values):
-            raise InputError(f"t and {name} must have the same length, got {len(t)} and {len(values)}")
-        if len(t) < 2:
-            raise InputError(f"a log needs at least 2 samples, got {len(t)}")
-        (wrong,) = np.nonzero(np.diff(t) <= 0)
-        if wrong.size:
-            i = int(wrong[0])
-            raise InputError(
-                f"t must increase: sample {i + 1} (t = {t[i + 1]:.9f} s) is not after sample {i} (t = {t[i]:.9f} s); "
-                "sort the samples and drop repeated timestamps"
-            )
+        t, values = checked_samples(self.t, self.VALUES, getattr(self, self.VALUES))
         object.__setattr__(self, "t", t)
-        object.__setattr__(self, name, values)
+        object.__setattr__(self, self.VALUES, values)
         object.__setattr__(self, "epoch_ns", validate.nanoseconds("epoch_ns", self.epoch_ns))
 
     def _derived(self, **changes: FloatArray | int) -> Self:
         """Return a changed copy of this valid log, without the checks and without a second warning."""
-        log = object.__new__(type(self))
-        for name in ("t", self.VALUES, "epoch_ns"):
-            value = changes.get(name, getattr(self, name))
+        log = copy(self)
+        for name, value in changes.items():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
             object.__setattr__(log, name, value)
@@ -131,10 +140,6 @@ class SensorLog:
         dt : float
             Seconds added to every sample time.
 
-        Returns
-        -------
-        Self
-
         Raises
         ------
         InputError
@@ -158,10 +163,6 @@ class SensorLog:
         t0, t1 : float
             Times in s relative to `epoch_ns`, `t0 <= t1`.
 
-        Returns
-        -------
-        Self
-
         Raises
         ------
         InputError
@@ -172,9 +173,8 @@ class SensorLog:
             raise InputError(f"t1 must not be before t0, got t0 = {t0} and t1 = {t1}")
         if t1 < self.t[0] or t0 > self.t[-1]:
             raise InputError(f"no samples between {t0} s and {t1} s: the log spans {self.t[0]} s to {self.t[-1]} s")
-        first = int(np.clip(np.searchsorted(self.t, t0, side="right") - 1, 0, len(self) - 2))
-        last = int(np.clip(np.searchsorted(self.t, t1, side="left") + 1, first + 2, len(self)))
-        return self._derived(t=self.t[first:last], **{self.VALUES: getattr(self, self.VALUES)[first:last]})
+        part = samples_around(self.t, t0, t1)
+        return self._derived(t=self.t[part], **{self.VALUES: getattr(self, self.VALUES)[part]})
 
     def covering(self, t0: float, t1: float, epoch_ns: int) -> Self:
         """Return the samples that describe [t0, t1], with their times relative to another epoch.
@@ -185,10 +185,6 @@ class SensorLog:
             Gyro time in s relative to the new epoch.
         epoch_ns : int
             The new epoch in nanoseconds.
-
-        Returns
-        -------
-        Self
 
         Raises
         ------
@@ -301,10 +297,6 @@ class GyroLog(SensorLog):
         ----------
         b : array_like, shape (3,)
             Bias in rad/s about the IMU's axes.
-
-        Returns
-        -------
-        GyroLog
 
         Raises
         ------

@@ -15,7 +15,8 @@ a row is read.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -44,8 +45,6 @@ ROW_SAMPLES_PER_PIXEL = 1
 ROWS_TOGETHER = 64
 # Most points of paths traced at a time: 2.4 GB of poses.
 MOST_POINTS = 6_000_000
-
-
 # Steps of the fixed-point iteration. Each multiplies the error by (vertical speed x line time), at most about 0.1 in
 # practice: after three, a path of 100 px is right to 0.1 px in the worst case and usually to 1e-3 px.
 FIXED_POINT_STEPS = 3
@@ -93,9 +92,8 @@ class Capture:
     motion: Motion = "rotation"
     softness: float = 0.0
 
-    @classmethod
+    @staticmethod
     def from_log(
-        cls,
         log: GyroLog,
         camera: Camera,
         exposure: Exposure,
@@ -121,10 +119,6 @@ class Capture:
         softness : float, default 0.0
             Blur of lens, pixels and demosaicing, px, see :class:`Capture`.
 
-        Returns
-        -------
-        Capture
-
         Raises
         ------
         InputError
@@ -136,12 +130,7 @@ class Capture:
         check_recording(log, camera, exposure, translation)
         validate.choice("motion", motion, MOTIONS)
         softness = validate.softness(softness)
-        check_traceable(camera, translation)
-        opens, closes = exposure.span(camera)
-        track = OrientationTrack.from_log(log, camera, opens, closes, exposure.epoch_ns)
-        if translation is not None:
-            translation = translation.covering(opens, closes, exposure.epoch_ns)
-        return cls(track, camera, exposure, translation, motion, softness)
+        return burst_captures(log, camera, [exposure], translation, motion=motion, softness=softness)[0]
 
     @once
     def probe(self) -> BlurPaths:
@@ -167,48 +156,33 @@ class Capture:
         return np.concatenate([rotations, shifts], axis=-1).reshape(-1, 12)
 
     def position(self, times: FloatArray) -> FloatArray:
-        """Return the positions of the camera at given times; zeros without a translation.
+        """Return positions of the camera in units of the scene's depth, of a map its median; 0 without a translation.
 
         Parameters
         ----------
         times : ndarray
-            Times in s relative to the exposure's epoch; any shape.
-
-        Returns
-        -------
-        ndarray, shape ``times.shape + (3,)``
-            Positions in units of the scene's depth, of a map its median.
+            Times in s relative to the exposure's epoch; any shape. The positions have the shape ``times.shape + (3,)``.
         """
         return np.zeros((*times.shape, 3)) if self.translation is None else self.translation.at(times)
 
     def points(self, pixels: FloatArray) -> FloatArray:
-        """Return the scene points that pixels see.
+        """Return the scene points (..., 3) that pixels see, in camera axes; without a translation, only directions.
 
         Parameters
         ----------
         pixels : ndarray, shape (..., 2)
-            (x, y) in px.
-
-        Returns
-        -------
-        ndarray, shape (..., 3)
-            In camera axes: points in the units of :meth:`position`, or only their directions without a translation.
+            (x, y) in px. The points are in the units of :meth:`position`.
         """
         rays = self.camera.rays(pixels)
         return rays if self.translation is None else self.depth(pixels)[..., None] * rays / rays[..., 2:]
 
     def depth(self, pixels: FloatArray) -> FloatArray:
-        """Return the depth of the scene that pixels see; 1 without a translation.
+        """Return the depth (...) of the scene that pixels see; 1 without a translation.
 
         Parameters
         ----------
         pixels : ndarray, shape (..., 2)
-            (x, y) in px.
-
-        Returns
-        -------
-        ndarray, shape (...)
-            In the units of :meth:`position`.
+            (x, y) in px. The depth is in the units of :meth:`position`.
         """
         if self.translation is None:
             return np.ones(pixels.shape[:-1])
@@ -216,17 +190,12 @@ class Capture:
         return self.translation.relative_depth(*np.moveaxis(pixels / last, -1, 0))
 
     def mid(self, rows: FloatArray) -> FloatArray:
-        """Return the mid-exposure times of rows.
+        """Return the mid-exposure times of rows, in s relative to the exposure's epoch.
 
         Parameters
         ----------
         rows : ndarray
             Picture rows in px, fractions allowed; any shape.
-
-        Returns
-        -------
-        ndarray
-            Times in s relative to the exposure's epoch, shaped like `rows`.
         """
         opens, closes = self.exposure.window(rows, self.camera)
         return 0.5 * (opens + closes)
@@ -235,6 +204,34 @@ class Capture:
     def middle(self) -> FloatArray:
         """Mid-exposure time of the middle row, the reference time of rectified pictures."""
         return self.mid(np.array((self.camera.height - 1) / 2))
+
+
+def burst_captures(
+    log: GyroLog,
+    camera: Camera,
+    exposures: Sequence[Exposure],
+    translation: Translation | None = None,
+    *,
+    motion: Motion = "rotation",
+    softness: float = 0.0,
+) -> list[Capture]:
+    """Return the captures of several exposures, in any order, whose orientations count from one moment.
+
+    The log and the translation must cover all exposures and the times between them. `motion` is the model of the paths
+    within each exposure; frames are aligned by the full rotation. Errors are those of :meth:`Capture.from_log`.
+    """
+    epoch = exposures[0].epoch_ns
+    moved = [replace(e, start=e.start + 1e-9 * (e.epoch_ns - epoch), epoch_ns=epoch) for e in exposures]
+    spans = np.array([exposure.span(camera) for exposure in moved])
+    opens, closes = float(spans.min()), float(spans.max())
+    check_traceable(camera, translation)
+    track = OrientationTrack.from_log(log, camera, opens, closes, epoch)
+    if translation is not None:
+        translation = translation.covering(opens, closes, epoch)
+    return [
+        Capture(track.during(*span), camera, e, translation, motion, softness)
+        for e, span in zip(moved, spans, strict=True)
+    ]
 
 
 @one_line()
@@ -273,11 +270,11 @@ class BlurPaths:
                 f"displacements must have shape (B, S, T, 2) for B rows, S cols and T >= 2 times, got {paths.shape} "
                 f"for a grid of shape {grid}"
             )
-        _check_finite(paths)
-        if paths.size and max(self.extent) > MOST_PIXELS:
+        # False for NaN, where the motion leads out of what the lens shows.
+        if paths.size and not (paths.min() >= -MOST_PIXELS and paths.max() <= MOST_PIXELS):
             raise InputError(
-                f"the paths reach {max(self.extent):.3g} px, further than any picture; are the rates in rad/s, "
-                "the focal length in px and the exposure in s?"
+                f"the paths reach {np.abs(paths).max():.3g} px, further than any picture, or are not finite; are the "
+                "rates in rad/s, the focal length in px and the exposure in s?"
             )
 
     @classmethod
@@ -288,6 +285,7 @@ class BlurPaths:
         cols: ArrayLike,
         *,
         samples: int | Literal["auto"] = "auto",
+        reference: Capture | None = None,
     ) -> BlurPaths:
         """Return the paths of the pixels at `rows` x `cols`.
 
@@ -300,38 +298,28 @@ class BlurPaths:
         samples : int or "auto"
             Number of time samples, at least 2; "auto" takes at least 4 per pixel of the longest path and 2 per gyro
             interval.
-
-        Returns
-        -------
-        BlurPaths
-
-        Raises
-        ------
-        InputError
-            If an argument is out of its range.
+        reference : Capture, optional
+            Capture of the same recording whose picture the grid belongs to, see `rsdeblur.motion.alignment`;
+            default `capture` itself.
         """
         validate.instance("capture", capture, Capture)
         rows, cols = (validate.real_array(name, grid, (None,)) for name, grid in (("rows", rows), ("cols", cols)))
         if not (rows.size and cols.size):
             raise InputError(f"rows and cols must not be empty, got {rows.size} and {cols.size}")
-        trace = _rotation_paths if capture.motion == "rotation" else _small_angle_paths
-        traced = None
+        reference = capture if reference is None else reference
         if validate.is_auto(samples):
-            # Two samples per gyro interval follow every bend of the track. Their paths' lengths give the final number.
-            coarse = 2 * len(capture.track.t) + 1
-            traced = trace(capture, rows, cols, coarse)
-            _check_finite(traced)
-            samples = max(coarse, int(np.ceil(SAMPLES_PER_PIXEL * _lengths(traced).max())) + 1)
+            # The lengths of a few samples' paths give the final number.
+            coarse = cls.from_capture(capture, rows, cols, samples=enough_samples(capture, 0.0), reference=reference)
+            samples = enough_samples(capture, SAMPLES_PER_PIXEL * float(coarse.lengths.max()))
+            if coarse.displacements.shape[2] == samples:
+                return coarse
         samples = validate.count("samples", samples, minimum=2, maximum=MOST_POINTS)
         if (points := len(rows) * len(cols) * samples) > MOST_POINTS:
             raise InputError(
                 f"paths at {len(rows)} x {len(cols)} places have {points} points, more than {MOST_POINTS}; are the "
                 "duration of the exposure and the readout time in s?"
             )
-        if traced is None or traced.shape[2] != samples:
-            traced = trace(capture, rows, cols, samples)
-        traced.setflags(write=False)
-        return cls(traced, rows, cols, capture.softness)
+        return cls(_traced(capture, reference, rows, cols, samples), rows, cols, capture.softness)
 
     @classmethod
     def every_row(cls, capture: Capture, cols: ArrayLike, *, within: slice = slice(None)) -> BlurPaths:
@@ -350,32 +338,21 @@ class BlurPaths:
         -------
         BlurPaths
             With at least one time sample per pixel of the longest path.
-
-        Raises
-        ------
-        InputError
-            If an argument is out of its range.
         """
         validate.instance("capture", capture, Capture)
         validate.instance("within", within, slice)
         cols = validate.real_array("cols", cols, (None,))
-        longest = float(capture.probe.lengths.max())
-        samples = max(2 * len(capture.track.t) + 1, int(np.ceil(ROW_SAMPLES_PER_PIXEL * longest)) + 1)
+        samples = enough_samples(capture, ROW_SAMPLES_PER_PIXEL * float(capture.probe.lengths.max()))
         rows = np.arange(float(capture.camera.height))[within]
         points, pixels = len(rows) * len(cols) * samples, capture.camera.height * capture.camera.width
         validate.memory(f"paths of {points} points", 16 * points, pixels)
-        parts = [
-            cls.from_capture(capture, part, cols, samples=samples)
-            for part in np.split(rows, range(ROWS_TOGETHER, len(rows), ROWS_TOGETHER))
-        ]
-        displacements = np.concatenate([part.displacements for part in parts])
-        displacements.setflags(write=False)
-        return cls(displacements, rows, parts[0].cols, capture.softness)
+        return cls(traced_in_parts(capture, capture, rows, cols, samples), rows, cols, capture.softness)
 
     @property
     def lengths(self) -> FloatArray:
         """Length of each path in px, shape (B, S)."""
-        return _lengths(self.displacements)
+        lengths: FloatArray = np.linalg.norm(np.diff(self.displacements, axis=2), axis=-1).sum(axis=2)
+        return lengths
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -385,23 +362,18 @@ class BlurPaths:
         return dy + 3 * self.softness, dx + 3 * self.softness
 
 
-def _check_finite(displacements: FloatArray) -> None:
-    if not np.isfinite(displacements.sum()):
-        raise InputError(
-            "the motion leads out of what the lens shows, so that its paths are not finite; are the rates in rad/s, "
-            "the focal length in px and the exposure in s?"
-        )
+def enough_samples(capture: Capture, along_path: float) -> int:
+    """Return a number of time samples: two per gyro interval, to follow every bend, and this many along a path."""
+    return max(2 * len(capture.track.t), int(np.ceil(along_path))) + 1
 
 
-def _lengths(displacements: FloatArray) -> FloatArray:
-    lengths: FloatArray = np.linalg.norm(np.diff(displacements, axis=2), axis=-1).sum(axis=2)
-    return lengths
-
-
-def exposed_times(capture: Capture, rows: FloatArray, samples: int) -> FloatArray:
-    """Return times spread evenly over the exposures of rows, with both ends, s; shape ``rows.shape + (samples,)``."""
-    opens, closes = capture.exposure.window(rows, capture.camera)
-    return opens[..., None] + (closes - opens)[..., None] * np.linspace(0.0, 1.0, samples)
+def traced_in_parts(
+    capture: Capture, reference: Capture, rows: FloatArray, cols: FloatArray, samples: int
+) -> FloatArray:
+    """Return the displacements of :meth:`BlurPaths.from_capture`, traced a few rows at a time."""
+    parts = np.split(rows, range(ROWS_TOGETHER, len(rows), ROWS_TOGETHER))
+    paths = [BlurPaths.from_capture(capture, part, cols, samples=samples, reference=reference) for part in parts]
+    return np.concatenate([part.displacements for part in paths])
 
 
 def shown_at(capture: Capture, world: FloatArray, guess: FloatArray, steps: int) -> FloatArray:
@@ -418,34 +390,39 @@ def shown_at(capture: Capture, world: FloatArray, guess: FloatArray, steps: int)
     return pixels
 
 
-def _rotation_paths(capture: Capture, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
-    camera, times = capture.camera, exposed_times(capture, rows, samples)
-    points = np.stack(np.meshgrid(cols, rows), axis=-1)  # (B, S, 2), x before y
-    scene, orientation, position = capture.points(points), capture.track.at(times), capture.position(times)
-    # The reference orientation of the pixel's own row is nearly right.
-    if camera.distortion_model == "none":
+def places(capture: Capture, reference: Capture, points: FloatArray) -> FloatArray:
+    """Return where a capture shows what a reference shows at `points` (..., 2), both at mid-exposure.
+
+    Places are (x, y) in px; they are NaN where the lens of the capture does not show the point.
+    """
+    if capture is reference:
+        return points
+    mid = reference.mid(points[..., 1])
+    world = np.einsum("...ji,...j->...i", reference.track.at(mid), reference.points(points)) + reference.position(mid)
+    # Rows of a point may be hundreds apart, which takes some steps more than within a frame.
+    return shown_at(capture, world, points, FIXED_POINT_STEPS + 3)
+
+
+def _traced(capture: Capture, reference: Capture, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
+    camera, points = capture.camera, np.stack(np.meshgrid(cols, rows), axis=-1)  # (B, S, 2), x before y
+    pixels = places(capture, reference, points)
+    # All pixels of a row of the capture itself have one time.
+    lines = rows[:, None] if capture is reference else pixels[..., 1]
+    opens, closes = capture.exposure.window(lines, camera)
+    times = opens[..., None] + (closes - opens)[..., None] * np.linspace(0.0, 1.0, samples)
+    if capture.motion == "small-angle":
+        # Sindelar and Sroubek (2013), eq. 6: the picture moves by f (-theta_y, +theta_x), and against the translation.
+        mid, depth = capture.mid(lines), capture.depth(pixels)[..., None, None]
+        angles = capture.track.angles(times) - capture.track.angles(mid)[..., None, :]
+        shifts = capture.position(times) - capture.position(mid)[..., None, :]
+        turns = np.stack([-angles[..., 1], angles[..., 0]], axis=-1)
+        return (turns - shifts[..., :2] / depth) * camera.focal_length
+    scene, orientation, position = capture.points(pixels), capture.track.at(times), capture.position(times)
+    # The place of the pixel itself is nearly right: a path is short.
+    if capture is reference and camera.distortion_model == "none":
         pinhole = *camera.focal_length, *camera.principal_point
         steps = FIXED_POINT_STEPS if camera.readout_time > 0 else 1
-        return pinhole_paths(orientation, position, scene, rows, cols, capture.row_poses, pinhole, steps)
-    world = np.einsum("btji,bsj->bsti", orientation, scene) + position[:, None]
-    return points[:, :, None] - shown_at(capture, world, points[:, :, None], FIXED_POINT_STEPS)
-
-
-def _small_angle_paths(capture: Capture, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
-    depth = capture.depth(np.stack(np.meshgrid(cols, rows), axis=-1))
-    times = exposed_times(capture, rows, samples)[:, None]
-    return small_angle_displacements(capture, times, capture.mid(rows)[:, None], depth)
-
-
-def small_angle_displacements(
-    capture: Capture, times: FloatArray, reference: FloatArray, depth: FloatArray
-) -> FloatArray:
-    """Return displacements (..., T, 2), px, at `times` (..., T) from a `reference` time (...) on, for small angles.
-
-    This is the approximation of Sindelar and Sroubek (2013), eq. 6; `depth` (...) is that of :meth:`Capture.depth`.
-    """
-    angles = capture.track.angles(times) - capture.track.angles(reference)[..., None, :]
-    shifts = capture.position(times) - capture.position(reference)[..., None, :]
-    # The picture moves by f (-theta_y, +theta_x), and opposite to the camera's translation.
-    turns = np.stack([-angles[..., 1], angles[..., 0]], axis=-1)
-    return (turns - shifts[..., :2] / depth[..., None, None]) * capture.camera.focal_length
+        poses = orientation[:, 0], position[:, 0]
+        return pinhole_paths(*poses, scene, rows, cols, capture.row_poses, pinhole, steps)
+    world = np.einsum("bstji,bsj->bsti", orientation, scene) + position
+    return points[:, :, None] - shown_at(reference, world, points[:, :, None], FIXED_POINT_STEPS)

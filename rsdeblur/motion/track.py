@@ -8,7 +8,7 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.poses import integrated, orientations
 from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.gyro import GyroLog, samples_around
 from rsdeblur.types import FloatArray
 
 # Most samples of a recording of one or several exposures: 80 minutes at 200 Hz, 2 minutes at 8 kHz.
@@ -47,6 +47,11 @@ class OrientationTrack:
     def integrated(cls, t: FloatArray, omega: FloatArray) -> OrientationTrack:
         """Return the track of rates in camera axes at increasing times, over gaps as well."""
         return cls(t, omega, integrated(t, omega))
+
+    def during(self, t0: float, t1: float) -> OrientationTrack:
+        """Return the part from the last sample at or before `t0` to the first at or after `t1`."""
+        part = samples_around(self.t, t0, t1)
+        return OrientationTrack(self.t[part], self.omega[part], self.rotations[part])
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return the matrices `C`, ``times.shape + (3, 3)``, at times within the track, s."""

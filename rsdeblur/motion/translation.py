@@ -14,6 +14,7 @@ from rsdeblur.motion.axes import imu_to_camera
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.camera_values import MOST_PIXELS
 from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import checked_samples
 from rsdeblur.types import FloatArray
 
 # s. Times relative to different epochs differ by less, from rounding; clocks count in it.
@@ -63,11 +64,7 @@ class Translation:
     epoch_ns: int = 0
 
     def __post_init__(self) -> None:
-        t = validate.real_array("t", self.t, (None,))
-        position = validate.real_array("position", self.position, (None, 3))
-        if len(t) != len(position) or len(t) < 2:
-            raise InputError(f"t and position must have the same length, at least 2; got {len(t)} and {len(position)}")
-        validate.increasing("t", t)
+        t, position = checked_samples(self.t, "position", self.position)
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "depth", _depths(self.depth))
@@ -105,11 +102,6 @@ class Translation:
         Translation
             The track. Only the ratio of its speed and depth matters.
 
-        Raises
-        ------
-        InputError
-            If an argument is out of range.
-
         Examples
         --------
         >>> import rsdeblur
@@ -144,7 +136,7 @@ class Translation:
         return replace(known, t=t, position=position + t[:, None] * (px / exposure.duration))
 
     def covering(self, t0: float, t1: float, epoch_ns: int) -> Translation:
-        """Return the track with its times relative to another epoch.
+        """Return the whole track with its times relative to another epoch.
 
         Parameters
         ----------
@@ -152,11 +144,6 @@ class Translation:
             Times that the track must cover, in s relative to the new epoch.
         epoch_ns : int
             The new epoch in nanoseconds.
-
-        Returns
-        -------
-        Translation
-            The whole track, with the new epoch.
 
         Raises
         ------
@@ -179,17 +166,12 @@ class Translation:
         return self.depth if isinstance(self.depth, float) else float(np.median(self.depth))
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Return the positions at given times.
+        """Return the positions at given times, in units of `middle_depth`, shape ``times.shape + (3,)``.
 
         Parameters
         ----------
         times : ndarray
             Times in s relative to `epoch_ns`; any shape.
-
-        Returns
-        -------
-        ndarray, shape ``times.shape + (3,)``
-            Positions in units of `middle_depth`.
         """
         times = validate.array("times", times)
         return np.stack([np.interp(times, self.t, axis) for axis in self.position.T], axis=-1) / self.middle_depth
@@ -202,11 +184,6 @@ class Translation:
         across, down : ndarray
             Places as shares of the way from the first to the last column, and from the first to the last row. Beyond
             the picture, the depth of its border continues.
-
-        Returns
-        -------
-        ndarray, shaped like `across`
-            The depths.
         """
         if isinstance(self.depth, float):
             return np.ones(np.shape(across))
@@ -354,15 +331,11 @@ class Trajectory:
         to_camera = np.eye(3) if axes == "camera" else camera.imu_to_camera if axes == "imu" else imu_to_camera(axes)
         track = Translation(self.t, self.position, depth, self.epoch_ns).covering(opens, closes, exposure.epoch_ns)
         start = track.at(np.array(opens)) * track.middle_depth
-        moved = (track.position - start) @ self._orientation(opens, track.t) @ to_camera.T
-        return replace(track, position=moved)
+        turn = np.eye(3)  # world from body
+        if self.quaternion is not None:
+            from scipy.spatial.transform import Rotation, Slerp  # takes 0.25 s to import
 
-    def _orientation(self, time: float, times: FloatArray) -> FloatArray:
-        """Return the orientation, world from body, at a time among the trajectory's `times`."""
-        if self.quaternion is None:
-            return np.eye(3)
-        from scipy.spatial.transform import Rotation, Slerp  # takes 0.25 s to import
-
-        # A track may begin or end by a tick of the clock inside the exposure.
-        time = float(np.clip(time, times[0], times[-1]))
-        return Slerp(times, Rotation.from_quat(self.quaternion))(time).as_matrix()
+            # A track may begin or end by a tick of the clock inside the exposure.
+            time = float(np.clip(opens, track.t[0], track.t[-1]))
+            turn = Slerp(track.t, Rotation.from_quat(self.quaternion))(time).as_matrix()
+        return replace(track, position=(track.position - start) @ turn @ to_camera.T)

@@ -16,7 +16,7 @@ from rsdeblur.deconv.priors import LatentPrior
 from rsdeblur.estimate import Refinement
 from rsdeblur.estimate.correction import Correction
 from rsdeblur.motion import BlurPaths, Capture
-from rsdeblur.motion.alignment import Alignment, burst_captures
+from rsdeblur.motion.paths import burst_captures
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.simulate import simulate_clip
 from rsdeblur.tuning import Tuning
@@ -339,7 +339,7 @@ def paths() -> list[BlurPaths]:
     log, camera = hand_shake(0.5, seed=4), Camera(112, 96, 130.0, readout_time=0.02)
     captures = burst_captures(log, camera, [Exposure(0.1, 1 / 20), Exposure(0.2, 1 / 25)])
     rows, cols = np.arange(96.0), np.array([27.0, 83.0])
-    return [Alignment(capture, captures[0]).paths(rows, cols) for capture in captures]
+    return [BlurPaths.from_capture(capture, rows, cols, reference=captures[0]) for capture in captures]
 
 
 @pytest.mark.parametrize("prior", [None, DerivativePrior("gradient", 1e-2)], ids=["wiener", "gradient"])

@@ -93,8 +93,6 @@ def run_command(*arguments: object) -> Result:
 def kind_of(words: list[str], found: dict[str, Any]) -> str:
     """Return the kind of what a command prints."""
     name = words[0]
-    if name == "camera":
-        return "camera measure-readout" if words[1] == "measure-readout" else name
     if name == "deblur":
         return "batch" if "items" in found else "deblur --dry-run" if "--dry-run" in words else name
     return "compare" if name == "demo" and "modes" in found else name

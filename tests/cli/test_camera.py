@@ -123,18 +123,3 @@ def test_the_exposure_time_may_come_from_exif(run: Run, files: Files, tmp_path: 
         pictures.append(np.asarray(Image.open(tmp_path / f"{i}.png")))
     np.testing.assert_array_equal(pictures[0], pictures[1])
     np.testing.assert_array_equal(pictures[0], pictures[2])
-
-
-def test_measure_readout(run: Run, tmp_path: Path) -> None:
-    photo = tmp_path / "wall.png"
-    # Three bands of 10 ms.
-    light = 0.4 * (1 + 0.3 * np.cos(2 * np.pi * 3 * np.arange(128) / 128))
-    pixels = np.broadcast_to((255 * light ** (1 / 2.2)).astype(np.uint8)[:, None], (128, 96))
-    Image.fromarray(np.ascontiguousarray(pixels)).save(photo)
-    assert run("camera", "measure-readout", photo).stdout.startswith("readout time 30.0 ms")
-    assert json.loads(run("camera", "measure-readout", photo, "--mains", "60", "--json").stdout)[
-        "readout_time_s"
-    ] == pytest.approx(0.025, rel=0.01)
-    result = run("camera", "measure-readout", photo, "--horizontal")
-    assert result.exit_code == 1
-    assert "no clear bands" in result.stderr

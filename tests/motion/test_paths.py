@@ -11,7 +11,8 @@ from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, PsfBa
 from rsdeblur.choices import MOTIONS, Motion
 from rsdeblur.errors import ClockError, GapError
 from rsdeblur.motion import BlurPaths, Capture
-from rsdeblur.motion.alignment import Alignment, burst_captures
+from rsdeblur.motion.alignment import paths_between
+from rsdeblur.motion.paths import burst_captures, places
 from rsdeblur.pipeline.tiles import largest_derivative
 from rsdeblur.psf import tile_centres
 
@@ -180,38 +181,37 @@ LOG = hand_shake(0.6, seed=2)
 def test_the_reference_keeps_its_own_paths(motion: Motion) -> None:
     capture = burst_captures(LOG, CAMERA, EXPOSURES, motion=motion)[0]
     alone = BlurPaths.from_capture(Capture.from_log(LOG, CAMERA, EXPOSURES[0], motion=motion), DOWN, ACROSS, samples=33)
-    paths = Alignment(capture, capture)._displacements(DOWN, ACROSS, 33)
-    # The same steps in another order of products.
+    paths = BlurPaths.from_capture(capture, DOWN, ACROSS, samples=33, reference=capture).displacements
+    # The orientation counts from another moment.
     np.testing.assert_allclose(paths, alone.displacements, atol=1e-9)
 
 
 def test_places_lead_there_and_back_and_agree_with_rays() -> None:
     first, _, last = burst_captures(LOG, CAMERA, EXPOSURES)
     points = np.stack(np.meshgrid(ACROSS, DOWN), axis=-1)
-    places = Alignment(last, first).places(points)
-    assert np.abs(places - points).max() > 2
-    np.testing.assert_allclose(Alignment(first, last).places(places), points, atol=1e-4)
+    moved = places(last, first, points)
+    assert np.abs(moved - points).max() > 2
+    np.testing.assert_allclose(places(first, last, moved), points, atol=1e-4)
     here, there = (
         np.einsum("...ji,...j->...i", capture.track.at(capture.mid(pixels[..., 1])), CAMERA.rays(pixels))
-        for capture, pixels in ((first, points), (last, places))
+        for capture, pixels in ((first, points), (last, moved))
     )
     np.testing.assert_allclose(np.cross(here, there), 0, atol=1e-6)
 
 
 def test_paths_of_resampled_frames_start_and_end_around_their_middle() -> None:
     first, second, _ = burst_captures(LOG, CAMERA, EXPOSURES)
-    paths = Alignment(second, first)._displacements(DOWN, ACROSS, 65)
+    paths = BlurPaths.from_capture(second, DOWN, ACROSS, samples=65, reference=first).displacements
     # At mid-exposure the resampled pixel shows its own place, whatever the rotation between the frames.
     np.testing.assert_allclose(paths[:, :, 32], 0, atol=1e-3)
     own = BlurPaths.from_capture(second, DOWN, ACROSS)
-    assert Alignment(second, first).paths(DOWN, ACROSS).extent[1] < 1.5 * own.extent[1] + 0.5
+    assert BlurPaths.from_capture(second, DOWN, ACROSS, reference=first).extent[1] < 1.5 * own.extent[1] + 0.5
 
 
 def test_rows_between_traced_ones_have_the_paths_that_tracing_gives() -> None:
     first, second, _ = burst_captures(LOG, CAMERA, EXPOSURES)
-    alignment = Alignment(second, first)
-    got = alignment.every_row(slice(30, 71), ACROSS)
-    expected = alignment.paths(np.arange(30.0, 71.0), ACROSS)
+    got = paths_between(second, first, slice(30, 71), ACROSS)
+    expected = BlurPaths.from_capture(second, np.arange(30.0, 71.0), ACROSS, reference=first)
     np.testing.assert_array_equal(got.rows, expected.rows - 30)
     # They have fewer points, evenly spaced in time.
     fine, coarse = (np.linspace(0, 1, paths.displacements.shape[2]) for paths in (expected, got))
