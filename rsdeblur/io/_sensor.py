@@ -17,8 +17,8 @@ from PIL.ExifTags import Base
 from rsdeblur._util.validate import missing
 from rsdeblur.image.transfer import linear_profile
 from rsdeblur.io import _tiff
+from rsdeblur.io.formats import Refused
 from rsdeblur.io.metadata import Picture, of_info, with_orientation
-from rsdeblur.io.source import Refused
 
 # Brands of HEIC; those of AVIF, which is not read, begin files of the same kind.
 BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")

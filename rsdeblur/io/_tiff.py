@@ -18,8 +18,8 @@ from PIL import Image
 from PIL.ExifTags import Base
 
 from rsdeblur._util.binary import LONG, ORIENTATION, Tags, block_of, directory, tags_of
+from rsdeblur.io.formats import Refused
 from rsdeblur.io.metadata import Picture
-from rsdeblur.io.source import Refused
 
 # tifffile logs every oddity of a damaged file; the faults that matter are raised.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())

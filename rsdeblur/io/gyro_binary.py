@@ -13,8 +13,9 @@ import numpy as np
 from rsdeblur._util.validate import missing
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io._sensor import AVIF_BRANDS, BRANDS
-from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds
-from rsdeblur.io.source import Format, Source
+from rsdeblur.io.formats import Format
+from rsdeblur.io.samples import GYRO, AnySensor, Samples
+from rsdeblur.io.source import Source
 
 # Four-character codes of GoPro that telemetry-parser does not name: readout time (ms), electronic stabilisation.
 GOPRO_READOUT, GOPRO_STABILISED, GOPRO_STABILISER = "0x53524f54", "0x45495345", "0x45495341"
@@ -44,9 +45,9 @@ def _read_trailer(source: Source) -> Samples:
     # Unused places of a ring that never filled up contain zeros.
     used = ordered[ordered["ns"] > 0]
     return Samples(
+        source.path,
         used["ns"].astype(np.int64),
         used["rates"].astype(np.float64),
-        lambda message, i: source.error(f"sample {i} of the GYRODATA trailer: {message}"),
         facts={"capture_ns": int(trailer["capture_ns"]), "shutter_command_ns": int(trailer["command_ns"])},
     )
 
@@ -112,18 +113,13 @@ def _read_video(source: Source, sensor: AnySensor) -> Samples:
         # telemetry-parser puts both sensors' samples side by side by their number, whatever their rates; they span the
         # same time.
         times, rates = np.linspace(times[0], times[-1], len(forces)), np.array(forces, dtype=np.float64)
-    what = "gyro" if sensor is GYRO else "accelerometer"
-
-    def error_at(message: str, i: int) -> FileFormatError:
-        return source.error(f"{what} sample {i}: {message}")
-
     unit, facts, cautions = "deg/s" if sensor is GYRO else sensor.unit, _facts(camera, blocks), []
     if "stabilised" in facts:
         cautions.append(
             f"the camera stabilised the video itself ({facts['stabilised']}): its picture does not move as the camera "
             "did, so its blur cannot be computed from the gyro alone; record without stabilisation"
         )
-    return Samples(nanoseconds(times, error_at), rates, error_at, unit, "gyroflow", None, "ms", facts, cautions)
+    return Samples.of_ms(source.path, times, rates, unit=unit, facts=facts, cautions=cautions)
 
 
 def other_logs(source: Source) -> Iterator[Format[Samples]]:

@@ -18,9 +18,9 @@ import numpy as np
 from rsdeblur._util import validate
 from rsdeblur.errors import InputError
 from rsdeblur.io import gyro_binary, gyro_tables, gyroflow
+from rsdeblur.io.formats import Format, choose, members_of, mistaken
 from rsdeblur.io.samples import ACCELEROMETER, GYRO, AnySensor, GyroFile, Samples, finish
-from rsdeblur.io.source import Format, Source, choose, members_of, mistaken
-from rsdeblur.io.text import cells_of, is_number, line_error
+from rsdeblur.io.source import Source, cells_of, is_number, line_error
 from rsdeblur.motion.axes import imu_to_camera
 from rsdeblur.motion.axes import orientation as orientation_matrix
 from rsdeblur.motion.camera import Camera
@@ -124,12 +124,12 @@ def open_gyro(
         validate.instance("orientation", orientation, str)
         overrides = {"turn": orientation_matrix(orientation), "axes": "gyroflow", "cautions": ()}
     chosen, source, pauses = _choose(path, GYRO, format, columns)
-    samples, path = chosen.read(source), source.path
+    samples = chosen.read(source)
     # Frees the content, perhaps a gigabyte, before the log is made.
     del source
     samples = _with_pauses(replace(samples, **overrides), pauses)
     facts = dict(samples.facts) | ({"orientation": orientation} if orientation else {})
-    log, unit = finish(samples, GYRO, unit, rate, partial(line_error, path))
+    log, unit = finish(samples, GYRO, unit, rate)
     return GyroFile(log, chosen.name, samples.axes, samples.time_unit, unit, facts)
 
 
@@ -170,7 +170,7 @@ def read_acceleration(
     """
     chosen, source, pauses = _choose(path, ACCELEROMETER, None, columns)
     samples = _with_pauses(chosen.read(source), pauses)
-    return finish(samples, ACCELEROMETER, unit, None, partial(line_error, source.path))[0]
+    return finish(samples, ACCELEROMETER, unit, None)[0]
 
 
 def detect_gyro_format(path: str | os.PathLike[str]) -> str:
@@ -226,7 +226,7 @@ def _pauses_beside(members: list[Source]) -> list[tuple[float, float]]:
 
 
 def _pauses(member: Source) -> list[tuple[float, float]]:
-    rows = [cells_of(line) for line in member.text.lines]
+    rows = [cells_of(line) for line in member.lines]
     times = [(row[0], float(row[1]), float(row[2])) for row in rows if [*map(is_number, row[1:3])] == [True] * 2]
     return [
         (at, now - then)

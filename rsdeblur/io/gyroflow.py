@@ -21,12 +21,12 @@ import numpy as np
 from rsdeblur._util.binary import base91_decode
 from rsdeblur._util.validate import missing
 from rsdeblur.choices import Distortion
-from rsdeblur.errors import FileFormatError, InputError
+from rsdeblur.errors import InputError
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished
 from rsdeblur.io.columns import named_columns
-from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds, table_samples
-from rsdeblur.io.source import Format, Source, text_format, unpacked_limit
-from rsdeblur.io.text import NUMBER, TextFile, read_table
+from rsdeblur.io.formats import Format, unpacked_limit
+from rsdeblur.io.samples import GYRO, AnySensor, Samples
+from rsdeblur.io.source import NUMBER, Source, read_table
 from rsdeblur.motion.axes import orientation
 from rsdeblur.types import FloatArray
 
@@ -61,27 +61,28 @@ def readout_of(table: Mapping[str, Any]) -> dict[str, Any]:
     return {"readout_time_s": abs(readout_time), "readout_direction": direction}
 
 
-def is_gcsv(text: TextFile) -> bool:
+def is_gcsv(source: Source) -> bool:
     """Whether the file is a `.gcsv` log."""
-    return text.head.strip().strip('",;').upper() in TITLES
+    return source.first_line.strip().strip('",;').upper() in TITLES
 
 
-def _read_gcsv(text: TextFile, sensor: AnySensor) -> Samples:
+def _read_gcsv(source: Source, sensor: AnySensor) -> Samples:
     """Read the gyro, in rad/s, or the accelerometer, in g, of a `.gcsv` file, both times their scale."""
     letter, unit = ("g", "rad/s") if sensor is GYRO else ("a", "g")
-    columns = named_columns(text, sensor.quantity)
+    columns = named_columns(source, sensor.quantity)
     if columns is None:
-        raise text.error(f"the Gyroflow log has no line `t,{letter}x,{letter}y,{letter}z` above its samples")
+        raise source.error(f"the Gyroflow log has no line `t,{letter}x,{letter}y,{letter}z` above its samples")
     # Values and their lines by key; a value may contain the mark that separates it from its key.
     keys: dict[str, tuple[str, int]] = {}
-    for row in text.rows[: columns.start - 1].tolist():
-        key, *value = (part.strip(' "') for part in re.split("[,:;]", text.lines[row].strip().rstrip(",;"), maxsplit=1))
+    for row in source.rows[: columns.start - 1].tolist():
+        line = source.lines[row].strip().rstrip(",;")
+        key, *value = (part.strip(' "') for part in re.split("[,:;]", line, maxsplit=1))
         keys[key.lower()] = (value[0] if value else "", row)
 
     def scale(key: str, default: str) -> Decimal:
         value, row = keys.get(key, (default, 0))
         if not NUMBER.fullmatch(value) or not 1e-12 <= float(value) <= 1e12:
-            raise text.error(f"{key} must be a number from 1e-12 to 1e12, got {value!r}", row)
+            raise source.error(f"{key} must be a number from 1e-12 to 1e12, got {value!r}", row)
         return Decimal(value)
 
     tscale, value_scale = scale("tscale", "0.001"), float(scale(f"{letter}scale", "1"))
@@ -89,15 +90,16 @@ def _read_gcsv(text: TextFile, sensor: AnySensor) -> Samples:
     try:
         turn = orientation(letters)
     except InputError as error:
-        raise text.error(str(error), row) from error
+        raise source.error(str(error), row) from error
     values = {key: value for key, (value, _) in keys.items()}
-    table = read_table(text, text.rows[columns.start :], columns.places)
-    return table_samples(
-        table,
+    table = read_table(source, source.rows[columns.start :], columns.places)
+    return Samples(
+        source.path,
         table.nanoseconds(tscale * 10**9),
+        table.values * value_scale,
+        table.rows,
         axes="gyroflow",
         time_unit=f"{tscale.normalize()} s",
-        scale=value_scale,
         unit=unit,
         turn=turn,
         facts={"orientation": letters} | readout_of(values),
@@ -145,17 +147,12 @@ def _read_project(source: Source) -> Samples:
         turn = Rotation.from_euler("xyz", (yaw, pitch, roll), degrees=True).as_matrix()
         turn = turn @ orientation(letters or DEFAULT_ORIENTATION)
 
-        def error_at(message: str, i: int) -> FileFormatError:
-            return source.error(f"sample {i}: {message}")
-
-        return Samples(
-            nanoseconds(t_ms, error_at),
+        return Samples.of_ms(
+            source.path,
+            t_ms,
             rates + bias * (1.0 if unit == "deg/s" else np.pi / 180),
-            error_at,
             unit=unit,
-            axes="gyroflow",
             turn=turn,
-            time_unit="ms",
             facts={"orientation": letters or DEFAULT_ORIENTATION}
             | readout_of(metadata)
             | readout_of(project.get("stabilization") or {}),
@@ -369,7 +366,7 @@ def _project(source: Source, project: dict[str, Any], request: Request) -> Camer
 
 def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
     """Return the formats of a sensor's logs."""
-    gcsv = text_format("gcsv", "Gyroflow .gcsv", is_gcsv, partial(_read_gcsv, sensor=sensor))
+    gcsv = Format("gcsv", "Gyroflow .gcsv", is_gcsv, partial(_read_gcsv, sensor=sensor))
     is_json = lambda source: source.looks_like_json and is_project(source.json)  # noqa: E731
     project = Format("gyroflow", "Gyroflow project", is_json, _read_project)
     return (gcsv, project) if sensor is GYRO else (gcsv,)

@@ -34,7 +34,7 @@ def sniff(source: Source) -> bool:
     if not source.looks_like_text or source.looks_like_json:
         return False
     keys = r"^[ \t]*(-[ \t]*)?(cam\d+|cam0_calib|cameras|camera_model|model_type|T_cam_imu)\s*:"
-    return re.search(keys, source.text.start, re.MULTILINE) is not None
+    return re.search(keys, source.start, re.MULTILINE) is not None
 
 
 def read(source: Source, request: Request) -> CameraFile:
@@ -58,7 +58,7 @@ def _load(source: Source) -> Any:
     except ModuleNotFoundError:
         raise source.error(missing("YAML files need PyYAML", "kalibr")) from None
     # OpenCV writes a header that is not a YAML directive, and marks its matrices with a tag.
-    lines = [line for line in source.text.lines if not line.startswith("%")]
+    lines = [line for line in source.lines if not line.startswith("%")]
     text = re.sub(r"!!opencv-matrix", "", "\n".join(lines))
     try:
         # A few lines of nested aliases may expand beyond the memory.
@@ -185,12 +185,12 @@ def _numbers(value: Any) -> list[float]:
 
 def sniff_dso(source: Source) -> bool:
     """Whether the file is DSO's."""
-    return source.looks_like_text and DSO.match(source.text.start) is not None
+    return source.looks_like_text and DSO.match(source.start) is not None
 
 
 def read_dso(source: Source, request: Request) -> CameraFile:
     """Read the camera of the pictures before DSO rectifies them."""
-    name, lens_text, *size, _ = DSO.findall(source.text.start)[0]
+    name, lens_text, *size, _ = DSO.findall(source.start)[0]
     with source.parsing("the camera"):
         width, height, fx, fy, cx, cy, *k = map(float, (*size, *lens_text.split()))
         if max(cx, cy) < 1:

@@ -24,9 +24,10 @@ from rsdeblur._util.binary import DAMAGE
 from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io import _sensor, _tiff
+from rsdeblur.io.formats import Refused, mistaken
 from rsdeblur.io.metadata import Picture as Picture
 from rsdeblur.io.metadata import fitting_profile, of_info
-from rsdeblur.io.source import Refused, Source, mistaken
+from rsdeblur.io.source import Source
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
 

@@ -14,9 +14,10 @@ import numpy as np
 from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import open_captures
+from rsdeblur.io.formats import entries_of
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.picture_output import KINDS
-from rsdeblur.io.source import Source, entries_of
+from rsdeblur.io.source import Source
 
 PHOTOS = (*KINDS, ".heic", ".dng")
 UNNUMBERED = "its name contains neither a timestamp nor a frame number"
