@@ -39,7 +39,7 @@ _zip = Format("zip", "zip archive", lambda each: is_archive(each) and bool(detec
 KINDS |= {
     "picture": ("give it as the photo", [Format("picture", "picture", is_picture, read_picture)]),
     "video": ("give it to rsdeblur video", [_video]),
-    "gyro log": ("give it as --gyro", [*(each for each in gyro_logs.formats(GYRO) if each.name != "video"), _zip]),
+    "gyro log": ("give it as --gyro", [*(each for each in gyro_logs.FORMATS[GYRO] if each.name != "video"), _zip]),
     "capture file": ("give it as --capture", captures.FORMATS),
     "camera file": ("give it as --camera", cameras.FORMATS),
     "trajectory": ("rsdeblur.read_trajectory reads it", trajectories.FORMATS),

@@ -69,9 +69,8 @@ def read_camera(
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is damaged or of no known format, lacks a value that is needed, has no camera
-        `name`, or describes a lens that is not modelled; if `format` is not the name of a format; or if an optional
-        package is needed and not installed.
+        If the file is damaged, not in `format` or a known format, lacks a value that is needed, has no camera `name`,
+        describes a lens that is not modelled, or needs an optional package.
     InputError
         If `size` is not the size of a picture, or `focal_length` or `sensor_width` is not positive.
 
@@ -94,15 +93,7 @@ def read_camera(
 
 
 def open_camera(path: str | os.PathLike[str], format: str | None = None, **request: Any) -> CameraFile:
-    """Read a camera, as :func:`read_camera` does, with the other content of its file.
-
-    Assumptions are returned instead of warned about.
-
-    Parameters
-    ----------
-    path, format, **request
-        See :func:`read_camera`.
-    """
+    """Read a camera, as :func:`read_camera` does, and return assumptions and other content of its file."""
     wanted = Request(**request)
     source = Source(path, WHAT)
     file = choose(FORMATS, source, format).read(source, wanted)

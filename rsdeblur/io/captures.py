@@ -74,10 +74,8 @@ def read_captures(
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is empty, binary, cut off or of an unknown format; if it lacks an exposure time and
-        `duration` is not given; or, naming the line, if a timestamp or an exposure time is missing or not a number, a
-        timestamp is beyond int64 or not later than the one before, its unit is unknown, or an exposure time is not
-        positive.
+        If the file is damaged or of an unknown format; if it lacks an exposure time and `duration` is not given; or,
+        with its line, if a timestamp or an exposure time is impossible, not in the order of time or of unknown unit.
     InputError
         If `duration` is needed and not positive, or `columns` is not valid.
     """

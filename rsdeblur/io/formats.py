@@ -6,16 +6,12 @@ import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, TypeVar
 
 from rsdeblur._util import validate
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.columns import RATE, Columns, Quantity, guessed_option, is_table, listed, named_columns
 from rsdeblur.io.source import Source
-
-
-class Refused(ValueError):
-    """Why a file is not decoded; users see the message unchanged."""
 
 
 def unpacked_limit(packed: int) -> int:
@@ -52,11 +48,11 @@ class Format(Generic[T]):
 
 
 def table_format(
-    name: str, title: str, columns_of: Callable[[Source], Columns | None], read: Callable[[Source, Columns], T]
+    name: str, title: str, columns_of: Callable[[Source], Columns | None], read: Callable[..., T]
 ) -> Format[T]:
     """Return a format of the tables in which `columns_of` finds columns."""
     sniff = lambda source: columns_of(source) is not None  # noqa: E731
-    return Format(name, title, sniff, lambda source: read(source, cast("Columns", columns_of(source))))
+    return Format(name, title, sniff, lambda source, *choices: read(source, columns_of(source), *choices))
 
 
 # What to do with a file of each kind, and its formats, the likeliest first; `rsdeblur.io` fills it.

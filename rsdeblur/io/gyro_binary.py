@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -39,7 +38,7 @@ def trailer_of(source: Source) -> Any:
     return np.frombuffer(end, TRAILER)[0] if len(end) == TRAILER.itemsize and end.startswith(b"GYRODATA\0") else None
 
 
-def _read_trailer(source: Source) -> Samples:
+def _read_trailer(source: Source, _: AnySensor) -> Samples:
     trailer = trailer_of(source)
     ordered = np.roll(trailer["ring"][: trailer["total"]], -int(trailer["oldest"]))
     # Unused places of a ring that never filled up contain zeros.
@@ -126,7 +125,7 @@ def other_logs(source: Source) -> Iterator[Format[Samples]]:
     """Yield the format of a log that only telemetry-parser knows, such as Betaflight's; nothing if it fails too."""
     with contextlib.suppress(FileFormatError):
         samples = _read_video(source, GYRO)
-        yield Format("telemetry", "log that telemetry-parser reads", lambda _: True, lambda _: samples)
+        yield Format("telemetry", "log that telemetry-parser reads", lambda _: True, lambda *_: samples)
 
 
 def _facts(camera: str, blocks: Blocks) -> dict[str, Any]:
@@ -140,11 +139,5 @@ def _facts(camera: str, blocks: Blocks) -> dict[str, Any]:
     return facts
 
 
-def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
-    """Return the formats of a sensor's logs."""
-    title = "video with a telemetry track: GoPro, DJI, Sony, Insta360"
-    video = Format("video", title, is_video, partial(_read_video, sensor=sensor))
-    if sensor is not GYRO:
-        return (video,)
-    sniff = lambda source: trailer_of(source) is not None  # noqa: E731
-    return Format("gyrodata", "JPEG with a GYRODATA trailer", sniff, _read_trailer), video
+JPEG = Format("gyrodata", "JPEG with a GYRODATA trailer", lambda source: trailer_of(source) is not None, _read_trailer)
+VIDEO = Format("video", "video with a telemetry track: GoPro, DJI, Sony, Insta360", is_video, _read_video)

@@ -93,14 +93,13 @@ def _table(
     name: str,
     title: str,
     columns_of: Callable[[Source], Columns | None],
-    sensor: AnySensor = GYRO,
     axes: Axes = "sensor",
     unit: str | None = None,
     forces_of: Callable[[Source], Columns | None] = lambda source: _plain_columns(source, ACCELEROMETER),
 ) -> Format[Samples]:
     """Return the format of the tables in which `columns_of` finds columns; see `_read`."""
 
-    def read(source: Source, columns: Columns) -> Samples:
+    def read(source: Source, columns: Columns, sensor: AnySensor) -> Samples:
         forces = forces_of(source) if sensor is GYRO else None
         is_beside = forces is not None and set(columns.places[1:]).isdisjoint(forces.places[1:])
         return _read(source, columns, sensor, axes, unit, forces=forces if is_beside else None)
@@ -116,7 +115,7 @@ def columns_format(sensor: AnySensor, columns: str) -> Format[Samples]:
         return chosen_columns(source, columns, "gyro log", sensor.quantity, stamped=False)
 
     forces_of = partial(columns_of, sensor=ACCELEROMETER) if "ax" in chosen else lambda source: None
-    return _table("columns", "table whose columns are given", columns_of, sensor, forces_of=forces_of)
+    return _table("columns", "table whose columns are given", columns_of, forces_of=forces_of)
 
 
 def _app_columns(source: Source, header: str) -> Columns | None:
@@ -152,27 +151,21 @@ def _is_tagged(source: Source) -> bool:
     return any(_type_of(source.lines[row]) in (GYRO_TYPE, UNCALIBRATED_TYPE) for row in source.rows)
 
 
-def _tagged_format(sensor: AnySensor) -> Format[Samples]:
-    """Return the format of lines `type t x y z`, of which the first type of the sensor is read."""
+def _read_tagged(source: Source, sensor: AnySensor) -> Samples:
+    """Read the lines `type t x y z` of the first type of the sensor."""
     what, kinds = ("a gyro", [GYRO_TYPE, UNCALIBRATED_TYPE]) if sensor is GYRO else ("an accelerometer", ["1"])
-
-    def read(source: Source) -> Samples:
-        rows: dict[str, list[int]] = {}
-        for row in source.rows.tolist():
-            kind = _type_of(source.lines[row])
-            if not (kind.isdecimal() or (kind.isalpha() and len(kind) > 2)):
-                raise source.error(f"{kind[:40]!r} is not a sensor type; lines must read `type t_ns x y z`", row)
-            rows.setdefault(kind, []).append(row)
-        kind = next((each for each in kinds if each in rows), "")
-        if not kind:
-            raise source.error(f"the file contains no samples of {what}: no line is of type {' or '.join(kinds)}")
-        samples = _read(source, Columns((1, 2, 3, 4), is_named=True), sensor, "phone", rows=rows[kind])
-        if samples.time_unit != "ns":
-            # Not DeepGyro: another program's unit of rates and axes.
-            return replace(samples, axes="sensor")
-        return replace(samples, unit=sensor.unit)
-
-    return Format("deepgyro", "imu.txt with types, `type t_ns x y z`", _is_tagged, read)
+    rows: dict[str, list[int]] = {}
+    for row in source.rows.tolist():
+        kind = _type_of(source.lines[row])
+        if not (kind.isdecimal() or (kind.isalpha() and len(kind) > 2)):
+            raise source.error(f"{kind[:40]!r} is not a sensor type; lines must read `type t_ns x y z`", row)
+        rows.setdefault(kind, []).append(row)
+    kind = next((each for each in kinds if each in rows), "")
+    if not kind:
+        raise source.error(f"the file contains no samples of {what}: no line is of type {' or '.join(kinds)}")
+    samples = _read(source, Columns((1, 2, 3, 4), is_named=True), sensor, "phone", rows=rows[kind])
+    # Without ns it is not DeepGyro's, but another program's unit of rates and axes.
+    return replace(samples, unit=sensor.unit) if samples.time_unit == "ns" else replace(samples, axes="sensor")
 
 
 def _plain_columns(source: Source, sensor: AnySensor = GYRO) -> Columns | None:
@@ -242,21 +235,28 @@ def _read_json(source: Source, sensor: AnySensor) -> Samples:
     return Samples(source.path, ns, values, unit=sensor.unit, facts={"sensor": name})
 
 
-def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
-    """Return the formats of a sensor's logs."""
-    json = Format("sensorlogger-json", "Sensor Logger JSON export", _is_json, partial(_read_json, sensor=sensor))
-    if sensor is not GYRO:
-        title = "table with named columns, or columns that show gravity"
-        plain = _table("plain", title, partial(_plain_columns, sensor=sensor), sensor, unit=sensor.unit)
-        return json, plain, _tagged_format(sensor)
-    apps = (
-        _table(name, title, partial(_app_columns, header=header), axes=axes, unit="rad/s")
-        for name, (title, header, axes) in APPS.items()
-    )
-    opencamera = "OpenCamera Sensors gyro.csv, `x,y,z,t_ns`"
-    return (
-        *(json, *apps, _tagged_format(GYRO)),
-        _table("opencamera", opencamera, _opencamera_columns, axes="phone", unit="rad/s"),
+_JSON = Format("sensorlogger-json", "Sensor Logger JSON export", _is_json, _read_json)
+_TAGGED = Format("deepgyro", "imu.txt with types, `type t_ns x y z`", _is_tagged, _read_tagged)
+FORMATS: dict[AnySensor, tuple[Format[Samples], ...]] = {
+    GYRO: (
+        _JSON,
+        *(
+            _table(name, title, partial(_app_columns, header=header), axes, "rad/s")
+            for name, (title, header, axes) in APPS.items()
+        ),
+        _TAGGED,
+        _table("opencamera", "OpenCamera Sensors gyro.csv, `x,y,z,t_ns`", _opencamera_columns, "phone", "rad/s"),
         _table("plain", "`t wx wy wz` or `wx wy wz t`, or a header that names them", _plain_columns),
         _table("unstamped", "`wx wy wz` without timestamps, with a sampling rate", _unstamped_columns),
-    )
+    ),
+    ACCELEROMETER: (
+        _JSON,
+        _table(
+            "plain",
+            "table with named columns, or columns that show gravity",
+            partial(_plain_columns, sensor=ACCELEROMETER),
+            unit=ACCELEROMETER.unit,
+        ),
+        _TAGGED,
+    ),
+}

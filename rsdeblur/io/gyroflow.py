@@ -13,7 +13,6 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from decimal import Decimal
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -121,7 +120,7 @@ def is_project(content: Any) -> bool:
     )
 
 
-def _read_project(source: Source) -> Samples:
+def _read_project(source: Source, _: AnySensor) -> Samples:
     project = source.json
     with source.parsing("the gyro data of the project"):
         gyro = project.get("gyro_source") or {}
@@ -158,11 +157,6 @@ def _read_project(source: Source) -> Samples:
             | readout_of(project.get("stabilization") or {}),
             cautions=cautions,
         )
-
-
-def offset_ms(value: Any) -> float:
-    """Return a clock offset of a project, video time minus gyro time in ms; some versions write it as a list."""
-    return float(value[0] if isinstance(value, list) else value)
 
 
 def _decoded(source: Source, raw: Any) -> tuple[FloatArray, FloatArray, str]:
@@ -254,9 +248,9 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
     width, height = int(size.get("w") or 0), int(size.get("h") or 0)
     if matrix.shape != (3, 3) or not width or not height:
         raise source.error("the profile contains no calibration; describe the camera with: rsdeblur camera new")
-    setting = _setting(source, profile, request)
-    _refuse_unmodelled(source, profile | setting)
-    crop = float((profile | setting).get("crop") or 1.0)
+    profile = profile | _setting(source, profile, request)
+    _refuse_unmodelled(source, profile)
+    crop = float(profile.get("crop") or 1.0)
     if not 1e-3 <= crop <= 1e3:
         raise source.error(f"the profile's crop is {crop:g}, but must be from 0.001 to 1000")
     # Gyroflow treats four zeros as no distortion, although the formula gives an equidistant lens.
@@ -265,7 +259,7 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
     model: Distortion = "none" if not any(k) else "radtan" if standard else "fisheye"
     named = ("camera_brand", "camera_model", "lens_model", "camera_setting", "calibrated_by", "fps")
     facts = {key: profile[key] for key in named if profile.get(key)} | {"calibration_error_px": params.get("RMS_error")}
-    timing = {"readout_time_s": 0.0} if profile.get("global_shutter") else readout_of(profile | setting)
+    timing = {"readout_time_s": 0.0} if profile.get("global_shutter") else readout_of(profile)
     readout_time, assumed = timing.get("readout_time_s"), []
     if readout_time:
         # In the public database they range from 0.01 to 100 ms.
@@ -352,7 +346,9 @@ def _project(source: Source, project: dict[str, Any], request: Request) -> Camer
         size = int(video["width"]), int(video["height"])
         request = replace(request, size=size, fps=request.fps or video.get("fps"))
     file = _profile(source, profile, request)
-    offsets = [offset_ms(value) / 1e3 for value in (project.get("offsets") or {}).values()]
+    # Video time minus gyro time in ms, of which some versions write a list.
+    values = (project.get("offsets") or {}).values()
+    offsets = [float(value[0] if isinstance(value, list) else value) / 1e3 for value in values]
     assumptions = list(file.assumptions)
     if offsets and max(offsets) - min(offsets) > 1e-3:
         text = f"the clocks drift by {1e3 * (max(offsets) - min(offsets)):.1f} ms; their mean offset is used"
@@ -364,9 +360,7 @@ def _project(source: Source, project: dict[str, Any], request: Request) -> Camer
     return CameraFile(camera, "gyroflow-project", file.facts, tuple(assumptions))
 
 
-def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
-    """Return the formats of a sensor's logs."""
-    gcsv = Format("gcsv", "Gyroflow .gcsv", is_gcsv, partial(_read_gcsv, sensor=sensor))
-    is_json = lambda source: source.looks_like_json and is_project(source.json)  # noqa: E731
-    project = Format("gyroflow", "Gyroflow project", is_json, _read_project)
-    return (gcsv, project) if sensor is GYRO else (gcsv,)
+GCSV = Format("gcsv", "Gyroflow .gcsv", is_gcsv, _read_gcsv)
+PROJECT = Format(
+    "gyroflow", "Gyroflow project", lambda source: source.looks_like_json and is_project(source.json), _read_project
+)

@@ -148,22 +148,18 @@ def finish(samples: Samples, sensor: Sensor[Log], unit: str | None, rate: float 
             log = sensor.make(t, values, epoch)
         except InputError as reason:
             raise samples.error(str(reason), 0) if len(t) < 2 else samples.error(str(reason)) from reason
-    remarks = _rate_cautions(samples, log.rate) + cautions if is_gyro else []
-    for remark in remarks + repairs:
+    if is_gyro and log.rate > FASTEST:
+        raise samples.error(
+            f"the timestamps in {samples.time_unit} mean a sampling rate of {log.rate:.3g} Hz, but no gyro is faster "
+            "than 10 kHz; check the unit of time: --columns t=1:us,gx=2,gy=3,gz=4"
+        )
+    if log.rate < SHAKE_RATE:
+        slow = f"the gyro was sampled at {log.rate:.3g} Hz; shake needs {SHAKE_RATE:g} Hz"
+        cautions.insert(0, f"{slow}, so much of the motion is missing")
+    for remark in (cautions if is_gyro else []) + repairs:
         text = f"{samples.path}: {remark}" if is_gyro else f"{samples.path}: accelerometer: {remark}"
         warnings.warn(text, RsdeblurWarning, stacklevel=3)
     return log, likely
-
-
-def _rate_cautions(samples: Samples, rate: float) -> list[str]:
-    """Return a caution about a slow gyro; raise `FileFormatError` for one that is faster than any, in Hz."""
-    if rate > FASTEST:
-        raise samples.error(
-            f"the timestamps in {samples.time_unit} mean a sampling rate of {rate:.3g} Hz, but no gyro is faster than "
-            "10 kHz; check the unit of time: --columns t=1:us,gx=2,gy=3,gz=4"
-        )
-    slow = f"the gyro was sampled at {rate:.3g} Hz; shake needs {SHAKE_RATE:g} Hz, so much of the motion is missing"
-    return [slow] if rate < SHAKE_RATE else []
 
 
 def _unit_of_rates(samples: Samples, ns: NDArray[np.int64], cautions: list[str]) -> str:

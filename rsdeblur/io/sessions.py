@@ -20,7 +20,6 @@ from rsdeblur.io.picture_output import KINDS
 from rsdeblur.io.source import Source
 
 PHOTOS = (*KINDS, ".heic", ".dng")
-UNNUMBERED = "its name contains neither a timestamp nor a frame number"
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +135,7 @@ def indices_of(
     def time_of(path: Path) -> int | str:
         """Return the timestamp of a photo, or the reason why it is unknown."""
         if path not in numbers:
-            return UNNUMBERED
+            return "its name contains neither a timestamp nor a frame number"
         if (number := numbers[path]) >= least_timestamp:
             return number
         if numbered_from is None:

@@ -61,8 +61,7 @@ def read_trajectory(path: str | os.PathLike[str], *, columns: str | None = None)
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is not such a table or contains fewer than two poses; or, naming the line, if a
-        cell is not a finite number, a timestamp conflicts with another, or a quaternion's norm is not 1.
+        If the file is not such a table or contains fewer than two poses; or, with its line, if a value is impossible.
     InputError
         If `columns` is not valid.
     """

@@ -73,9 +73,8 @@ def simulate(
     Parameters
     ----------
     sharp : array_like, shape (h, w) or (h, w, C)
-        The scene at the mid-exposure of the middle row; floats of the nominal range [0, 1], or uint8 or uint16, which
-        are scaled to it. It must be at least as large as the camera's picture, which is centred in it; the rest is
-        visible when the camera turns. Beyond its borders, the scene is mirrored.
+        The scene at the mid-exposure of the middle row: uint8, uint16 or floats in [0, 1]. It is at least as large as
+        the camera's picture, which is centred in it, and mirrored beyond its borders.
     log, camera, exposure
         The motion, the camera and the time of the exposure.
     noise : float, default 0.0
@@ -85,8 +84,8 @@ def simulate(
     samples : int or "auto"
         Number of warps per row, at least 1; "auto" takes at least 2 per pixel of the longest path.
     translation : Translation, optional
-        Positions of the camera. The scene is then a plane at `translation.depth`, perpendicular to the optical axis at
-        the mid-exposure of the middle row; a map of depths is refused.
+        Positions of the camera. The scene is then a plane at one `translation.depth`, perpendicular to the optical axis
+        at the mid-exposure of the middle row.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`: "auto" is sRGB for integers and linear for floats.
 
