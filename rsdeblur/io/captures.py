@@ -7,13 +7,13 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from rsdeblur._util.validate import MOST_SECONDS
 from rsdeblur.io.columns import TIME_UNITS, Cell, Columns, Quantity, chosen_columns, named_columns
-from rsdeblur.io.formats import Format, choose, table_format
+from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.metadata import Exif
 from rsdeblur.io.pictures import read_header
@@ -181,7 +181,7 @@ def _read_trailer(source: Source) -> CaptureFile:
 
 
 def _table(name: str, title: str, columns_of: Callable[[Source], Columns | None]) -> Format[CaptureFile]:
-    return table_format(name, title, columns_of, partial(_read, name))
+    return Format(name, title, columns_of, lambda source: _read(name, source, cast("Columns", columns_of(source))))
 
 
 FORMATS: tuple[Format[CaptureFile], ...] = (
@@ -212,8 +212,4 @@ def clock_facts(source: Source) -> dict[str, Any] | None:
         raise source.error("the clocks drift apart during the session: the phone slept, so no single offset fits")
     # Camera time minus gyro time: 0 for one clock, else as if the camera's clock were `nanoTime()`.
     offset = 0.0 if match[1] == "REALTIME" else 0.0 - sum(differences) / len(differences) / 1e9
-    return {
-        "kind": "clocks of a session",
-        "camera_clock": match[1],
-        "time_offset_s": offset,
-    }
+    return {"kind": "clocks of a session", "camera_clock": match[1], "time_offset_s": offset}

@@ -292,11 +292,7 @@ def guessed_option(source: Source, values: Quantity) -> str:
 
 
 def check_layout(source: Source, rows: Rows, columns: Columns) -> None:
-    """Raise `FileFormatError` if some rows contradict the columns.
-
-    A row has more cells than the header names, as those of a comma table with decimal commas have; or the rows are
-    samples of several sensors; or the timestamps do not rise, but another column does.
-    """
+    """Raise `FileFormatError` if rows have more cells than the header, are of several sensors, or time falls."""
     some, named = spread(rows, LAYOUT_ROWS), len(columns.names)
     cells = [cells_of(source.lines[row]) for row in some]
     for row, found in zip(some, cells, strict=True):

@@ -15,10 +15,8 @@ from rsdeblur.io.source import Source
 
 
 def unpacked_limit(packed: int) -> int:
-    """Return the number of bytes that `packed` bytes may unpack to; more is a decompression bomb.
-
-    Numbers compress to a third or a tenth of their size, those of a phone that lies still to less.
-    """
+    """Return the number of bytes that `packed` bytes may unpack to; more is a decompression bomb."""
+    # Numbers compress to a third or a tenth of their size, those of a phone that lies still to less.
     return max(100 * packed, 2**26)
 
 
@@ -29,30 +27,22 @@ T = TypeVar("T")
 class Format(Generic[T]):
     """One file format: its name, by which users choose it, its title for messages, and how it is found and read.
 
-    `sniff` returns whether the content looks like this format. Mostly, it reads the start only, and it raises nothing
-    but `FileFormatError`, which means no. `read` reads the file, with the user's choices in further arguments, or
-    raises `FileFormatError`.
+    `sniff` returns whether the content looks like this format, or the columns of a table. Mostly, it reads the start
+    only, and it raises nothing but `FileFormatError`, which means no. `read` reads the file, with the user's choices in
+    further arguments, or raises `FileFormatError`.
     """
 
     name: str
     title: str
-    sniff: Callable[[Source], bool]
+    sniff: Callable[[Source], Columns | bool | None]
     read: Callable[..., T]
 
     def fits(self, source: Source) -> bool:
         """Whether the content looks like this format."""
         try:
-            return self.sniff(source)
+            return bool(self.sniff(source))
         except FileFormatError:
             return False
-
-
-def table_format(
-    name: str, title: str, columns_of: Callable[[Source], Columns | None], read: Callable[..., T]
-) -> Format[T]:
-    """Return a format of the tables in which `columns_of` finds columns."""
-    sniff = lambda source: columns_of(source) is not None  # noqa: E731
-    return Format(name, title, sniff, lambda source, *choices: read(source, columns_of(source), *choices))
 
 
 # What to do with a file of each kind, and its formats, the likeliest first; `rsdeblur.io` fills it.
@@ -75,10 +65,7 @@ def mistaken(source: Source) -> FileFormatError | None:
 def choose(
     formats: Sequence[Format[T]], source: Source, name: str | None = None, *, quantity: Quantity | None = None
 ) -> Format[T]:
-    """Return the format called `name` or, without a name, the first one; its `sniff` must accept the content.
-
-    The error for an unknown table lists its columns, and prints the option that names those of `quantity`.
-    """
+    """Return the format called `name`, or the first that fits; the error for a table guesses columns of `quantity`."""
     known = "; ".join(f"{each.name} ({each.title})" for each in formats)
     if name is not None:
         validate.instance("format", name, str)

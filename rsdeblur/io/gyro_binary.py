@@ -13,7 +13,7 @@ from rsdeblur._util.validate import missing
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io._sensor import AVIF_BRANDS, BRANDS
 from rsdeblur.io.formats import Format
-from rsdeblur.io.samples import GYRO, AnySensor, Samples
+from rsdeblur.io.samples import GYRO, AnySensor, Samples, vectors
 from rsdeblur.io.source import Source
 
 # Four-character codes of GoPro that telemetry-parser does not name: readout time (ms), electronic stabilisation.
@@ -100,25 +100,23 @@ def frame_exposures(path: str | os.PathLike[str]) -> list[float]:
 
 def _read_video(source: Source, sensor: AnySensor) -> Samples:
     camera, blocks, samples = telemetry_of(source)
-    gyro = [sample for sample in samples if sample.get("gyro") is not None]
-    if not gyro:
+    times, values = vectors(samples, "gyro")
+    if not len(times):
         raise source.error(f"the video of this {camera} has no gyro samples")
-    times = np.array([sample["timestamp_ms"] for sample in gyro], dtype=np.float64)
-    rates = np.array([sample["gyro"] for sample in gyro], dtype=np.float64)
     if sensor is not GYRO:
-        forces = [sample["accl"] for sample in samples if sample.get("accl") is not None]
-        if not forces or len(times) < 2:
+        _, values = vectors(samples, "accl")
+        if not len(values) or len(times) < 2:
             raise source.error(f"the video of this {camera} has no samples of an accelerometer")
         # telemetry-parser puts both sensors' samples side by side by their number, whatever their rates; they span the
         # same time.
-        times, rates = np.linspace(times[0], times[-1], len(forces)), np.array(forces, dtype=np.float64)
+        times = np.linspace(times[0], times[-1], len(values))
     unit, facts, cautions = "deg/s" if sensor is GYRO else sensor.unit, _facts(camera, blocks), []
     if "stabilised" in facts:
         cautions.append(
             f"the camera stabilised the video itself ({facts['stabilised']}): its picture does not move as the camera "
             "did, so its blur cannot be computed from the gyro alone; record without stabilisation"
         )
-    return Samples.of_ms(source.path, times, rates, unit=unit, facts=facts, cautions=cautions)
+    return Samples.of_ms(source.path, times, values, unit=unit, facts=facts, cautions=cautions)
 
 
 def other_logs(source: Source) -> Iterator[Format[Samples]]:

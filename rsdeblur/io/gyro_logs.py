@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import partial
 from itertools import groupby, pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -108,18 +107,17 @@ def open_gyro(
     columns: str | None = None,
 ) -> GyroFile:
     """Read a gyro log, as :func:`read_gyro` does, with the other content of its file."""
-    overrides: dict[str, Any] = {}
-    if orientation is not None:
-        validate.instance("orientation", orientation, str)
-        overrides = {"turn": orientation_matrix(orientation), "axes": "gyroflow", "cautions": ()}
+    turn = None if orientation is None else orientation_matrix(validate.instance("orientation", orientation, str))
     chosen, source, pauses = _choose(path, GYRO, format, columns)
     samples = chosen.read(source, GYRO)
     # Frees the content, perhaps a gigabyte, before the log is made.
     del source
-    samples = _with_pauses(replace(samples, **overrides), pauses)
-    facts = dict(samples.facts) | ({"orientation": orientation} if orientation else {})
+    if turn is not None:
+        facts = {**samples.facts, "orientation": orientation}
+        samples = replace(samples, turn=turn, axes="gyroflow", facts=facts, cautions=())
+    samples = _with_pauses(samples, pauses)
     log, unit = finish(samples, GYRO, unit, rate)
-    return GyroFile(log, chosen.name, samples.axes, samples.time_unit, unit, facts)
+    return GyroFile(log, chosen.name, samples.axes, samples.time_unit, unit, samples.facts)
 
 
 def read_acceleration(

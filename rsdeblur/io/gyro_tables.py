@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -28,11 +28,10 @@ from rsdeblur.io.columns import (
     time_column,
     unit_of_time,
 )
-from rsdeblur.io.formats import Format, table_format
+from rsdeblur.io.formats import Format
 from rsdeblur.io.samples import ACCELEROMETER, GRAVITY, GYRO, AnySensor, Axes, Samples
 from rsdeblur.io.source import Source, cells_of, is_number, read_table, separator_of
 from rsdeblur.motion.units import FASTEST, SLOWEST
-from rsdeblur.types import FloatArray
 
 # Android's sensor types: the gyro, the gyro whose bias the phone does not remove, and the accelerometer.
 GYRO_TYPE, UNCALIBRATED_TYPE, ACCELEROMETER_TYPE = "4", "16", "1"
@@ -99,12 +98,13 @@ def _table(
 ) -> Format[Samples]:
     """Return the format of the tables in which `columns_of` finds columns; see `_read`."""
 
-    def read(source: Source, columns: Columns, sensor: AnySensor) -> Samples:
+    def read(source: Source, sensor: AnySensor) -> Samples:
+        columns = cast("Columns", columns_of(source))
         forces = forces_of(source) if sensor is GYRO else None
         is_beside = forces is not None and set(columns.places[1:]).isdisjoint(forces.places[1:])
         return _read(source, columns, sensor, axes, unit, forces=forces if is_beside else None)
 
-    return table_format(name, title, columns_of, read)
+    return Format(name, title, columns_of, read)
 
 
 def columns_format(sensor: AnySensor, columns: str) -> Format[Samples]:
@@ -177,28 +177,20 @@ def _plain_columns(source: Source, sensor: AnySensor = GYRO) -> Columns | None:
     bare = named_columns(source, sensor.quantity.bare)
     if bare is not None and (any(bare.units[1:]) or any(map(SENSOR.fullmatch, bare.names)) or is_own):
         return bare
-    for width in (4, 7):
-        grid = layout_grid(source, width)
-        if grid is not None:
-            own, others = _sensors_beside(grid) if sensor is GYRO else _sensors_beside(grid)[::-1]
-            # Four columns of an accelerometer are refused later, with the reason.
-            is_only = width == 4 and (sensor is GYRO or is_own)
-            return own[0] if len(own) == 1 else others[0] if is_only else None
-    return None
-
-
-def _sensors_beside(grid: FloatArray) -> tuple[list[Columns], list[Columns]]:
-    """Return the columns of the gyros and of the accelerometers, which show gravity, beside that of the timestamps."""
-    gyros: list[Columns] = []
-    accelerometers: list[Columns] = []
+    grid = next((grid for width in (4, 7) if (grid := layout_grid(source, width)) is not None), None)
+    if grid is None:
+        return None
     t = time_column(grid)
     others = [k for k in range(grid.shape[1]) if k != t]
-    for x, y, z in zip(others[::3], others[1::3], others[2::3], strict=True):
-        # Impossible values, whose squares overflow, are refused later.
-        with np.errstate(over="ignore"):
-            size = float(np.median(np.linalg.norm(grid[:, (x, y, z)], axis=1)))
-        (accelerometers if abs(size - GRAVITY) < 2 else gyros).append(Columns((t, x, y, z), is_named=len(others) > 3))
-    return gyros, accelerometers
+    triples = [others[:3], others[3:]][: len(others) // 3]
+    # Impossible values, whose squares overflow, are refused later.
+    with np.errstate(over="ignore"):
+        sizes = [float(np.median(np.linalg.norm(grid[:, triple], axis=1))) for triple in triples]
+    own = [triple for triple, size in zip(triples, sizes, strict=True) if (abs(size - GRAVITY) < 2) != (sensor is GYRO)]
+    # A single sensor that is another one is refused later, with the reason.
+    is_only = len(triples) == 1 and (sensor is GYRO or is_own)
+    fits = own if len(own) == 1 else triples * is_only
+    return Columns((t, *fits[0]), is_named=len(triples) > 1) if fits else None
 
 
 def _unstamped_columns(source: Source) -> Columns | None:

@@ -24,7 +24,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished
 from rsdeblur.io.columns import named_columns
 from rsdeblur.io.formats import Format, unpacked_limit
-from rsdeblur.io.samples import GYRO, AnySensor, Samples
+from rsdeblur.io.samples import GYRO, AnySensor, Samples, vectors
 from rsdeblur.io.source import NUMBER, Source, read_table
 from rsdeblur.motion.axes import orientation
 from rsdeblur.types import FloatArray
@@ -167,9 +167,7 @@ def _decoded(source: Source, raw: Any) -> tuple[FloatArray, FloatArray, str]:
             return *_bincode(data), "deg/s"
         raw = _cbor(source, data)
     if isinstance(raw[0], Mapping):
-        readings = [sample for sample in raw if sample.get("gyro") is not None]
-        times = np.array([sample["timestamp_ms"] for sample in readings], dtype=np.float64)
-        return times, np.array([sample["gyro"] for sample in readings], dtype=np.float64), "deg/s"
+        return *vectors(raw, "gyro"), "deg/s"
     # The first versions of Gyroflow, written in Python, saved rows of s and rad/s.
     table = np.array(raw, dtype=np.float64)
     return 1e3 * table[:, 0], table[:, 1:4], "rad/s"
@@ -223,9 +221,7 @@ def _cbor(source: Source, data: bytes) -> Any:
 
 def is_lens(source: Source) -> bool:
     """Whether the file is a lens profile or a project of Gyroflow."""
-    if not source.looks_like_json or not isinstance(source.json, dict):
-        return False
-    return is_profile(source.json) or is_project(source.json)
+    return source.looks_like_json and (is_profile(source.json) or is_project(source.json))
 
 
 def is_profile(content: Mapping[str, Any]) -> bool:

@@ -111,13 +111,9 @@ def _of_npy(data: bytes) -> NDArray[Any]:
 def is_picture(source: Source) -> bool:
     """Whether the content starts like a picture."""
     head = source.head
-    return (
-        head.startswith((b"\xff\xd8\xff", PNG_MAGIC, *_tiff.MAGIC, *_sensor.RAW_MAGIC))
-        or (head[:4], head[8:12]) == (b"RIFF", b"WEBP")
-        or head[4:12] == b"ftypcrx "
-        or head.startswith(NPY_MAGIC)
-        or _sensor.is_heif(head)
-    )
+    magic = (b"\xff\xd8\xff", PNG_MAGIC, NPY_MAGIC, *_tiff.MAGIC, *_sensor.RAW_MAGIC)
+    is_webp = head[:4] == b"RIFF" and head[8:12] == b"WEBP"
+    return head.startswith(magic) or is_webp or head[4:12] == b"ftypcrx " or _sensor.is_heif(head)
 
 
 def read_header(path: str | os.PathLike[str]) -> tuple[int, int, bytes | None]:

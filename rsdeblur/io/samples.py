@@ -109,6 +109,12 @@ class GyroFile:
     facts: Mapping[str, Any]  # other content of the file: readout time, device, clock offsets
 
 
+def vectors(samples: Sequence[Mapping[str, Any]], sensor: str) -> tuple[FloatArray, FloatArray]:
+    """Return the times in ms and the vectors of a sensor of telemetry-parser, which some samples lack."""
+    own = [sample for sample in samples if sample.get(sensor) is not None]
+    return np.array([sample["timestamp_ms"] for sample in own], float), np.array([each[sensor] for each in own], float)
+
+
 def finish(samples: Samples, sensor: Sensor[Log], unit: str | None, rate: float | None) -> tuple[Log, str]:
     """Return the log and the unit of its values in the file: repair what is harmless, refuse what is not."""
     if unit is not None:

@@ -32,10 +32,7 @@ class SessionPhoto:
 
 
 def unpacked(archive: Path, folder: Path) -> Path:
-    """Return the folder below `folder` into which the files of a session's zip archive were unpacked.
-
-    Files that are there already, with the size of the archive's, stay as they are.
-    """
+    """Unpack a session's zip archive below `folder` and return its folder; existing files of that size are kept."""
     target, source = folder / archive.stem, Source(archive, "archive")
     with source.parsing(f"unpacking it into {target}"), zipfile.ZipFile(archive) as opened:
         entries = entries_of(source, opened)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import replace
+from typing import cast
 
 from rsdeblur.errors import InputError
 from rsdeblur.io.columns import (
@@ -17,7 +18,7 @@ from rsdeblur.io.columns import (
     named_columns,
     unit_of_time,
 )
-from rsdeblur.io.formats import choose, table_format
+from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.samples import Samples, ordered
 from rsdeblur.io.source import Source, read_table
 from rsdeblur.motion.translation import Trajectory
@@ -92,4 +93,5 @@ def _columns(source: Source) -> Columns | None:
     return named_columns(source, POSE) or (Columns(tuple(range(count))) if count else None)
 
 
-FORMATS = (table_format("poses", "`t tx ty tz qx qy qz qw`, `t x y z`, or a header of these", _columns, _read),)
+TITLE = "`t tx ty tz qx qy qz qw`, `t x y z`, or a header of these"
+FORMATS = (Format("poses", TITLE, _columns, lambda source: _read(source, cast("Columns", _columns(source)))),)

@@ -274,12 +274,11 @@ class _Stage:
         self._reference = 0.5 * sum(span)
         track = self._frame.translation(translation)
 
-        def plane(light: NDArray[np.float32], velocity: tuple[float, float], depth: float | None) -> Plane:
-            places = track if depth is None or track is None else replace(track, depth=depth)
-            return Plane(light, CameraPath(log, self._frame, span, epoch, places), velocity)
-
-        self.background = plane(self.scene, (0.0, 0.0), None)
-        self._things = [plane(light, each.velocity, each.depth) for light, each in zip(lights, layers, strict=True)]
+        self.background = Plane(self.scene, CameraPath(log, self._frame, span, epoch, track), (0.0, 0.0))
+        self._things = []
+        for light, each in zip(lights, layers, strict=True):
+            places = replace(track, depth=each.depth) if track and each.depth else track
+            self._things.append(Plane(light, CameraPath(log, self._frame, span, epoch, places), each.velocity))
 
     def recorded(self, n: int, samples: int) -> NDArray[np.float32]:
         """Return the light of an exposure with noise."""
@@ -394,9 +393,7 @@ class Plane:
     The camera's picture is centred in it at the reference time.
     """
 
-    def __init__(
-        self, light: NDArray[np.float32], path: CameraPath, velocity: tuple[float, float] = (0.0, 0.0)
-    ) -> None:
+    def __init__(self, light: NDArray[np.float32], path: CameraPath, velocity: tuple[float, float]) -> None:
         frame, stored, (height, width) = path.frame, path.frame.stored, light.shape[:2]
         #: Column and row of the picture's corner in `light`.
         self.corner = (width - stored.width) // 2, (height - stored.height) // 2
