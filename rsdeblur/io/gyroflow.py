@@ -32,6 +32,10 @@ from rsdeblur.types import FloatArray
 TITLES = ("GYROFLOW IMU LOG", "CAMERA IMU LOG")
 # Gyroflow's default for a log without an orientation.
 DEFAULT_ORIENTATION = "xzY"
+UNORIENTED = (
+    f"the log contains no orientation of its sensor: Gyroflow's default, {DEFAULT_ORIENTATION}, is assumed, which is "
+    "right for few loggers"
+)
 
 # Gyroflow's numbers and names of readout directions, in lower case.
 DIRECTIONS = {
@@ -102,14 +106,7 @@ def _read_gcsv(source: Source, sensor: AnySensor) -> Samples:
         unit=unit,
         turn=turn,
         facts={"orientation": letters} | readout_of(values),
-        cautions=[] if "orientation" in keys else [_without_orientation(letters)],
-    )
-
-
-def _without_orientation(letters: str) -> str:
-    return (
-        f"the log contains no orientation of its sensor: Gyroflow's default, {letters}, is assumed, which is right for "
-        "few loggers"
+        cautions=[] if "orientation" in keys else [UNORIENTED],
     )
 
 
@@ -137,7 +134,7 @@ def _read_project(source: Source, _: AnySensor) -> Samples:
         # Gyroflow's export of metadata has it beside the samples.
         places = (gyro, metadata, project)
         letters = next((word for place in places if (word := place.get("imu_orientation"))), None)
-        cautions = [] if letters else [_without_orientation(DEFAULT_ORIENTATION)]
+        cautions = [] if letters else [UNORIENTED]
         # Applied in Gyroflow's order: bias (deg/s, raw axes, added), orientation, rotation (pitch, roll, yaw in deg).
         bias = np.array(gyro.get("gyro_bias") or (0, 0, 0), dtype=np.float64)
         from scipy.spatial.transform import Rotation  # takes 0.25 s to import; only projects need it
@@ -163,8 +160,9 @@ def _decoded(source: Source, raw: Any) -> tuple[FloatArray, FloatArray, str]:
     """Return the times in ms, the rates, and the unit of the rates."""
     if isinstance(raw, str):
         data = _payload(source, raw)
-        if _looks_like_bincode(data):
-            return *_bincode(data), "deg/s"
+        count = int.from_bytes(data[:8], "little")
+        if 11 * count <= len(data) - 8 <= 83 * count:  # bytes of the samples
+            return *_bincode(data, count), "deg/s"
         raw = _cbor(source, data)
     if isinstance(raw[0], Mapping):
         return *vectors(raw, "gyro"), "deg/s"
@@ -182,15 +180,8 @@ def _payload(source: Source, text: str) -> bytes:
     return data
 
 
-def _looks_like_bincode(data: bytes) -> bool:
-    """Whether the length fits the sample count at the start, at 11 to 83 bytes per sample."""
-    count = int.from_bytes(data[:8], "little")
-    return 11 * count <= len(data) - 8 <= 83 * count
-
-
-def _bincode(data: bytes) -> tuple[FloatArray, FloatArray]:
+def _bincode(data: bytes, count: int) -> tuple[FloatArray, FloatArray]:
     """Decode samples of a time (f64, ms) and three optional vectors (one tag byte each): gyro, accelerometer, ..."""
-    (count,) = struct.unpack_from("<Q", data)
     place, times, rates = 8, [], []
     for _ in range(count):
         (time,) = struct.unpack_from("<d", data, place)

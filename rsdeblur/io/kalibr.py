@@ -159,16 +159,13 @@ def _imu_to_camera(entry: dict[str, Any], assumptions: list[Assumption]) -> Floa
     """Return the rotation from IMU to camera axes; files contain the transformation or its inverse."""
     for key in (*FORWARD, *INVERSE):
         if key in entry:
-            return _rotation(entry[key]) if key in FORWARD else _rotation(entry[key]).T
+            numbers = _numbers(entry[key])
+            side = {9: 3, 12: 4, 16: 4}[len(numbers)]
+            rotation = np.array(numbers).reshape(-1, side)[:3, :3]
+            return rotation if key in FORWARD else rotation.T
     text = f"the file has no axes of the IMU ({', '.join((*FORWARD, *INVERSE))}): those of the camera are assumed"
     assumptions.append(Assumption("imu_to_camera", text))
     return np.eye(3)
-
-
-def _rotation(value: Any) -> FloatArray:
-    numbers = _numbers(value)
-    side = {9: 3, 12: 4, 16: 4}[len(numbers)]
-    return np.array(numbers).reshape(-1, side)[:3, :3]
 
 
 def _numbers(value: Any) -> list[float]:
