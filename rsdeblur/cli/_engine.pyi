@@ -35,6 +35,7 @@ from rsdeblur.io.cameras import detect_camera_format as detect_camera_format
 from rsdeblur.io.cameras import write_time_offset as write_time_offset
 from rsdeblur.io.captures import open_captures as open_captures
 from rsdeblur.io.columns import choice_for as choice_for
+from rsdeblur.io.formats import mistaken as mistaken
 from rsdeblur.io.gyro_binary import frame_exposures as frame_exposures
 from rsdeblur.io.gyro_logs import axes_problems as axes_problems
 from rsdeblur.io.gyro_logs import detect_gyro_format as detect_gyro_format
@@ -59,7 +60,6 @@ from rsdeblur.io.sessions import indices_of as indices_of
 from rsdeblur.io.sessions import photos_in as photos_in
 from rsdeblur.io.sessions import unpacked as unpacked
 from rsdeblur.io.source import Source as Source
-from rsdeblur.io.source import mistaken as mistaken
 from rsdeblur.kernels._jit import compilation as compilation
 from rsdeblur.motion.axes import PRESETS as PRESETS
 from rsdeblur.motion.axes import imu_to_camera as imu_to_camera

@@ -15,10 +15,10 @@ import tifffile
 from PIL.ExifTags import Base
 
 from rsdeblur._util.validate import missing
+from rsdeblur.errors import FileFormatError
 from rsdeblur.image.transfer import linear_profile
 from rsdeblur.io import _tiff
 from rsdeblur.io.metadata import Picture, of_info, with_orientation
-from rsdeblur.io.source import Refused
 
 # Brands of HEIC; those of AVIF, which is not read, begin files of the same kind.
 BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
@@ -38,7 +38,7 @@ def decode_heif(data: bytes, max_pixels: int) -> Picture:
     try:
         import pillow_heif
     except ModuleNotFoundError:
-        raise Refused(missing("HEIC pictures need pillow-heif", "heif")) from None
+        raise FileFormatError(missing("HEIC pictures need pillow-heif", "heif")) from None
     file = pillow_heif.open_heif(BytesIO(data), convert_hdr_to_8bit=False)
     width, height = file.size
     if width * height > max_pixels:
@@ -84,7 +84,7 @@ def decode_raw(data: bytes, max_pixels: int) -> Picture:
     try:
         import rawpy
     except ModuleNotFoundError:
-        raise Refused(missing("raw files need rawpy", "raw")) from None
+        raise FileFormatError(missing("raw files need rawpy", "raw")) from None
     try:
         with rawpy.RawPy() as raw:
             raw.open_buffer(BytesIO(data))

@@ -18,8 +18,8 @@ from PIL import Image
 from PIL.ExifTags import Base
 
 from rsdeblur._util.binary import LONG, ORIENTATION, Tags, block_of, directory, tags_of
+from rsdeblur.errors import FileFormatError
 from rsdeblur.io.metadata import Picture
-from rsdeblur.io.source import Refused
 
 # tifffile logs every oddity of a damaged file; the faults that matter are raised.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
@@ -36,17 +36,18 @@ def decode(data: bytes, max_pixels: int) -> Picture:
         page = file.pages.first
         # page.size counts the samples of all planes of a volume, up to four per pixel, of up to 32 bits.
         if max(page.imagewidth * page.imagelength, page.size // 4, page.nbytes // 16) > max_pixels:
-            raise Refused(f"the picture claims {page.imagewidth}x{page.imagelength} pixels; the limit is {max_pixels}")
+            size = f"{page.imagewidth}x{page.imagelength}"
+            raise FileFormatError(f"the picture claims {size} pixels; the limit is {max_pixels}")
         # Strips that share bytes would let a small file claim more pixels than its size makes credible.
         claims = *np.add(page.dataoffsets, page.databytecounts), sum(page.databytecounts), np.prod(page.chunked)
         if max(claims) > len(data):
             raise EOFError("its strips or tiles take more bytes than the file has")
         if tuple(page.extrasamples) == (tifffile.EXTRASAMPLE.ASSOCALPHA,):
-            raise Refused("the colours of the TIFF are multiplied by its alpha; save it with plain alpha, or without")
+            raise FileFormatError("its colours are multiplied by its alpha; save it with plain alpha, or without")
         samples = page.asarray()
         pixels = _plain(page, np.moveaxis(samples, 0, -1) if page.axes.startswith("S") else samples)
         if pixels is None or pixels.ndim > 3 or (pixels.ndim == 3 and pixels.shape[2] not in (2, 3, 4)):
-            raise Refused(
+            raise FileFormatError(
                 f"TIFF with {page.samplesperpixel} samples of {page.bitspersample} bits ({page.photometric!r}) is not "
                 "supported; convert it to grey or RGB of 8 or 16 bits without sign, or float"
             )

@@ -32,10 +32,9 @@ class Request:
             # A size of zero has no aspect ratio.
             object.__setattr__(self, "size", (validate.count("size", width), validate.count("size", height)))
         if self.focal_length is not None:
-            focal_length = validate.finite("focal_length", self.focal_length, above=0.0)
-            object.__setattr__(self, "focal_length", focal_length)
+            validate.finite("focal_length", self.focal_length, above=0.0)
         if self.sensor_width is not None:
-            object.__setattr__(self, "sensor_width", validate.count("sensor_width", self.sensor_width))
+            validate.count("sensor_width", self.sensor_width)
 
 
 class Assumption(NamedTuple):

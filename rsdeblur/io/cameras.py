@@ -19,13 +19,13 @@ from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io import gyroflow, kalibr
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished
 from rsdeblur.io.columns import Cell
+from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.gyro_binary import is_video
 from rsdeblur.io.gyro_logs import open_gyro
 from rsdeblur.io.gyroflow import is_gcsv
 from rsdeblur.io.metadata import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.pictures import is_picture, read_header
-from rsdeblur.io.source import Format, Source, choose
-from rsdeblur.io.text import TextFile, cells_of, is_number
+from rsdeblur.io.source import Source, cells_of, is_number
 from rsdeblur.motion.camera import Camera
 
 WHAT = "camera file"
@@ -69,9 +69,8 @@ def read_camera(
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is damaged or of no known format, lacks a value that is needed, has no camera
-        `name`, or describes a lens that is not modelled; if `format` is not the name of a format; or if an optional
-        package is needed and not installed.
+        If the file is damaged, not in `format` or a known format, lacks a value that is needed, has no camera `name`,
+        describes a lens that is not modelled, or needs an optional package.
     InputError
         If `size` is not the size of a picture, or `focal_length` or `sensor_width` is not positive.
 
@@ -94,15 +93,7 @@ def read_camera(
 
 
 def open_camera(path: str | os.PathLike[str], format: str | None = None, **request: Any) -> CameraFile:
-    """Read a camera, as :func:`read_camera` does, with the other content of its file.
-
-    Assumptions are returned instead of warned about.
-
-    Parameters
-    ----------
-    path, format, **request
-        See :func:`read_camera`.
-    """
+    """Read a camera, as :func:`read_camera` does, and return assumptions and other content of its file."""
     wanted = Request(**request)
     source = Source(path, WHAT)
     file = choose(FORMATS, source, format).read(source, wanted)
@@ -138,7 +129,7 @@ def _sniff_toml(source: Source) -> bool:
     if source.path.suffix.lower() == ".toml":
         return True
     keys = re.compile(r"^[ \t]*(width|height|focal_length)[ \t]*=", re.MULTILINE)
-    return source.looks_like_text and keys.search(source.text.start) is not None
+    return source.looks_like_text and keys.search(source.start) is not None
 
 
 def _read_toml(source: Source, request: Request) -> CameraFile:
@@ -183,12 +174,12 @@ MARS = {
 
 
 def _sniff_mars(source: Source) -> bool:
-    names = (Cell.of(cell).name for cell in cells_of(source.text.head) if "px" in cell)
+    names = (Cell.of(cell).name for cell in cells_of(source.first_line) if "px" in cell)
     return source.looks_like_text and {"fx", "fy"}.issubset(names)
 
 
 def _read_mars(source: Source, request: Request) -> CameraFile:
-    facts = mars_facts(source.text)
+    facts = mars_facts(source)
     # The principal point is near the middle.
     middle = facts.pop("cx_px", None), facts.pop("cy_px", None)
     size = request.size or (None if None in middle else tuple(round(2 * side) for side in middle))
@@ -220,23 +211,23 @@ def _read_mars(source: Source, request: Request) -> CameraFile:
     return finished(source, request, "mars", assumed, facts, **fields)
 
 
-def mars_facts(text: TextFile) -> dict[str, Any]:
+def mars_facts(source: Source) -> dict[str, Any]:
     """Return what MARS logger's capture metadata contain about the camera; medians of columns, without `null` cells."""
-    rows = [cells_of(text.lines[row]) for row in text.rows[1:]]
+    rows = [cells_of(source.lines[row]) for row in source.rows[1:]]
     facts: dict[str, Any] = {"frames": len(rows)}
-    for k, cell in enumerate(cells_of(text.head)):
+    for k, cell in enumerate(cells_of(source.first_line)):
         name, per_unit = MARS.get(Cell.of(cell).name, ("", 1.0))
         numbers = [float(cells[k]) for cells in rows if k < len(cells) and is_number(cells[k])]
         value = float(np.median(numbers)) if name and numbers else 0.0
         if math.isfinite(value) and value > 0:
             facts[name] = value / per_unit
     if "focal_length_px" not in facts:
-        raise text.error("no focal length: all cells of its column are null; give --focal-length")
+        raise source.error("no focal length: all cells of its column are null; give --focal-length")
     return facts
 
 
 def _sniff_log(source: Source) -> bool:
-    return is_video(source) or (source.looks_like_text and is_gcsv(source.text))
+    return is_video(source) or (source.looks_like_text and is_gcsv(source))
 
 
 def _read_log(source: Source, request: Request) -> CameraFile:

@@ -7,17 +7,17 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from rsdeblur._util.validate import MOST_SECONDS
 from rsdeblur.io.columns import TIME_UNITS, Cell, Columns, Quantity, chosen_columns, named_columns
+from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.metadata import Exif
 from rsdeblur.io.pictures import read_header
-from rsdeblur.io.source import Format, Source, choose, table_format
-from rsdeblur.io.text import Rows, Table, TextFile, cells_of, is_number, read_table
+from rsdeblur.io.source import Rows, Source, Table, cells_of, is_number, read_table
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.units import TIME_SPELLINGS, dated_unit
 
@@ -74,10 +74,8 @@ def read_captures(
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is empty, binary, cut off or of an unknown format; if it lacks an exposure time and
-        `duration` is not given; or, naming the line, if a timestamp or an exposure time is missing or not a number, a
-        timestamp is beyond int64 or not later than the one before, its unit is unknown, or an exposure time is not
-        positive.
+        If the file is damaged or of an unknown format; if it lacks an exposure time and `duration` is not given; or,
+        with its line, if a timestamp or an exposure time is impossible, not in the order of time or of unknown unit.
     InputError
         If `duration` is needed and not positive, or `columns` is not valid.
     """
@@ -94,35 +92,35 @@ def open_captures(path: str | os.PathLike[str], columns: str | None = None) -> C
     """Read the captures listed in a file, with or without exposure times; errors as for `read_captures`."""
     source = Source(path, WHAT)
     if columns is not None:
-        return _read("columns", source.text, chosen_columns(source.text, columns, WHAT, EXPOSURE))
+        return _read("columns", source, chosen_columns(source, columns, WHAT, EXPOSURE))
     return choose(FORMATS, source, quantity=EXPOSURE).read(source)
 
 
-def _read(format: str, text: TextFile, columns: Columns) -> CaptureFile:
+def _read(format: str, source: Source, columns: Columns) -> CaptureFile:
     """Read timestamps and, if there is a second column, exposure times, in their unit or that of the timestamps."""
-    rows = text.rows[columns.start :]
-    table = read_table(text, rows, columns.places[:1])
+    rows = source.rows[columns.start :]
+    table = read_table(source, rows, columns.places[:1])
     stamps = table.timestamps.tolist()
     for row, before, stamp in zip(rows[1:], stamps, stamps[1:], strict=False):
         if stamp <= before:
             problem = f"comes after {before}" if stamp < before else "occurs twice"
-            raise text.error(f"captures must be in the order of time: timestamp {stamp} {problem}", row)
+            raise source.error(f"captures must be in the order of time: timestamp {stamp} {problem}", row)
     unit = columns.units[0] or _unit_of_timestamps(table, columns)
-    durations = _durations(text, rows, columns, unit) if len(columns.places) > 1 else {}
+    durations = _durations(source, rows, columns, unit) if len(columns.places) > 1 else {}
     return CaptureFile(format, table.nanoseconds(TIME_UNITS[unit]).tolist(), [durations.get(row) for row in rows])
 
 
-def _durations(text: TextFile, rows: Rows, columns: Columns, unit: str) -> dict[int, float]:
+def _durations(source: Source, rows: Rows, columns: Columns, unit: str) -> dict[int, float]:
     """Return exposure times in s by row; phones that do not report them write `null`."""
     place, unit = columns.places[1], columns.units[1] or unit
-    timed = [row for row in rows if cells_of(text.lines[row])[place:][:1] != ["null"]]
+    timed = [row for row in rows if cells_of(source.lines[row])[place:][:1] != ["null"]]
     if not timed:
         return {}
-    values = read_table(text, timed, columns.places).values[:, 0] / (1e9 / TIME_UNITS[unit])
+    values = read_table(source, timed, columns.places).values[:, 0] / (1e9 / TIME_UNITS[unit])
     # The fastest electronic shutters of cameras take ten times as long.
     (bad,) = np.nonzero(~((values >= 1e-6) & (values < MOST_SECONDS)))
     if bad.size:
-        raise text.error(f"impossible exposure time of {1e9 * values[bad[0]]:g} ns; is it in {unit}?", timed[bad[0]])
+        raise source.error(f"impossible exposure time of {1e9 * values[bad[0]]:g} ns; is it in {unit}?", timed[bad[0]])
     return dict(zip(timed, values.tolist(), strict=True))
 
 
@@ -136,19 +134,19 @@ def _unit_of_timestamps(table: Table, columns: Columns) -> str:
         return "ns"
     if not is_whole and FRAME_SPACING[0] <= spacing < FRAME_SPACING[1]:
         return "s"
-    raise table.text.error(
+    raise table.source.error(
         f"captures {spacing:g} apart are neither whole ns nor fractions of s; give the unit of time: "
         f"{columns.option(EXPOSURE, 'ms')}",
         table.rows[0],
     )
 
 
-def _named(text: TextFile) -> Columns | None:
+def _named(source: Source) -> Columns | None:
     """Return the columns that the header names; None for that of a gyro log, or of a table that has a timestamp too."""
-    columns = named_columns(text, EXPOSURE) if named_columns(text) is None else None
+    columns = named_columns(source, EXPOSURE) if named_columns(source) is None else None
     if columns is None:
         return None
-    if len(cells_of(text.lines[text.rows[-1]])) == 1:
+    if len(cells_of(source.lines[source.rows[-1]])) == 1:
         return replace(columns, places=(0,), units=columns.units[:1])
     if len(columns.places) > 1 and columns.units[1] is None:
         columns = replace(columns, places=columns.places[:1], units=columns.units[:1])
@@ -156,9 +154,9 @@ def _named(text: TextFile) -> Columns | None:
     return columns if columns.units[0] and is_own else None
 
 
-def _numbered(text: TextFile, count: int) -> Columns | None:
+def _numbered(source: Source, count: int) -> Columns | None:
     """Return the columns of lines of one, two or eight numbers, see `FORMATS`."""
-    cells = cells_of(text.head)
+    cells = cells_of(source.first_line)
     numbers = [float(cell) for cell in cells] if all(map(is_number, cells)) else []
     pair = [abs(number) for number in numbers] if len(numbers) == 2 and 0 not in numbers else [1.0, 5.0]
     # The same time in two units, as DSO writes it, is no exposure time; that in the finer unit is exact.
@@ -169,11 +167,11 @@ def _numbered(text: TextFile, count: int) -> Columns | None:
     return Columns({1: (0,), 2: (0, 1), 8: (0, 2)}[count]) if is_own else None
 
 
-def _beside_pictures(text: TextFile) -> Columns | None:
-    cells = cells_of(text.head)
+def _beside_pictures(source: Source) -> Columns | None:
+    cells = cells_of(source.first_line)
     if len(cells) != 2 or not is_number(cells[0]) or not PICTURE.fullmatch(cells[1]):
         return None
-    above = [line.lstrip().removeprefix("#") for line in text.lines[: text.rows[0]] if line.strip()]
+    above = [line.lstrip().removeprefix("#") for line in source.lines[: source.rows[0]] if line.strip()]
     return Columns((0,), (Cell.of(re.split(r"[,;|\t]", above[-1])[0]).unit if above else None,))
 
 
@@ -182,8 +180,8 @@ def _read_trailer(source: Source) -> CaptureFile:
     return CaptureFile("gyrodata", [int(trailer_of(source)["capture_ns"])], [exposure])
 
 
-def _table(name: str, title: str, columns_of: Callable[[TextFile], Columns | None]) -> Format[CaptureFile]:
-    return table_format(name, title, columns_of, partial(_read, name))
+def _table(name: str, title: str, columns_of: Callable[[Source], Columns | None]) -> Format[CaptureFile]:
+    return Format(name, title, columns_of, lambda source: _read(name, source, cast("Columns", columns_of(source))))
 
 
 FORMATS: tuple[Format[CaptureFile], ...] = (
@@ -206,17 +204,12 @@ def clock_facts(source: Source) -> dict[str, Any] | None:
     match = CLOCK_SOURCE.search(source.head.decode("latin-1"))
     if match is None:
         return None
-    text = source.text
     with source.parsing("both clocks and their difference in ns"):
-        clocks = [list(map(int, cells_of(text.lines[row]))) for row in text.rows]
+        clocks = [list(map(int, cells_of(source.lines[row]))) for row in source.rows]
         differences = [boot - nano for boot, nano, _ in clocks]
     # CLOCK_MONOTONIC and CLOCK_BOOTTIME differ by the time that a phone slept; the rest is a drift below 1 ms.
     if max(differences) - min(differences) > 1_000_000:
         raise source.error("the clocks drift apart during the session: the phone slept, so no single offset fits")
     # Camera time minus gyro time: 0 for one clock, else as if the camera's clock were `nanoTime()`.
     offset = 0.0 if match[1] == "REALTIME" else 0.0 - sum(differences) / len(differences) / 1e9
-    return {
-        "kind": "clocks of a session",
-        "camera_clock": match[1],
-        "time_offset_s": offset,
-    }
+    return {"kind": "clocks of a session", "camera_clock": match[1], "time_offset_s": offset}

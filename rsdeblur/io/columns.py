@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rsdeblur.errors import InputError
-from rsdeblur.io.text import LAYOUT_ROWS, Rows, Table, TextFile, cells_of, is_number, spread
+from rsdeblur.io.source import LAYOUT_ROWS, Rows, Source, Table, cells_of, is_number, spread
 from rsdeblur.motion.units import (
     ACCELERATION_SPELLINGS,
     FASTEST,
@@ -159,11 +159,11 @@ class Cell:
         return cls(re.sub(r"[^a-z]", "", name) + axis, known, bool(unit) and known is None)
 
 
-def named_columns(text: TextFile, values: Quantity = RATE, *, stamped: bool = True) -> Columns | None:
+def named_columns(source: Source, values: Quantity = RATE, *, stamped: bool = True) -> Columns | None:
     """Return the columns named by a header; None if no line names the values and, if `stamped`, the timestamps."""
-    for line, start in text.headers:
+    for line, start in source.headers:
         cells = [Cell.of(cell) for cell in cells_of(line)]
-        first = cells_of(text.lines[text.rows[start]]) if start < len(text.rows) else []
+        first = cells_of(source.lines[source.rows[start]]) if start < len(source.rows) else []
 
         def place(pattern: re.Pattern[str], units: Mapping[str, str]) -> int:
             fits = [
@@ -204,7 +204,7 @@ def choice_for(kind: str, columns: str | None) -> str | None:
     return columns if columns is not None and kind in choices_of(columns) else None
 
 
-def chosen_columns(text: TextFile, columns: str, kind: str, values: Quantity, *, stamped: bool = True) -> Columns:
+def chosen_columns(source: Source, columns: str, kind: str, values: Quantity, *, stamped: bool = True) -> Columns:
     """Return the columns of a table of this kind that the user chose, by names or by numbers from 1."""
     chosen = choices_of(columns).get(kind, {})
     needed = [*["t"] * stamped, *values.names[: len(values.names) - values.optional]]
@@ -216,19 +216,19 @@ def chosen_columns(text: TextFile, columns: str, kind: str, values: Quantity, *,
         raise InputError(f"columns: {wrong[0]} is a wrong unit: {columns!r}")
     wanted = {name: _plain(chosen[name][0]) for name in names}
     words = {column for column in wanted.values() if not column.isdecimal()}
-    lines = [*text.headers, ("", 0)]
+    lines = [*source.headers, ("", 0)]
     header, start = next(((line, after) for line, after in lines if words <= set(_cells(line))), ("", -1))
     if start < 0:
         words -= {cell for line, _ in lines for cell in _cells(line)}
-        raise text.error(f"no column of a header is called {' or '.join(sorted(words))!r}; {listed(text)}")
+        raise source.error(f"no column of a header is called {' or '.join(sorted(words))!r}; {listed(source)}")
     header, start = (header, start) if words else ("", 0)
     places = {
         name: int(column) - 1 if column.isdecimal() else _cells(header).index(column) for name, column in wanted.items()
     }
-    rows = enumerate((cells_of(text.lines[row]) for row in text.rows[start:]), start)
+    rows = enumerate((cells_of(source.lines[row]) for row in source.rows[start:]), start)
     start = next((i for i, row in rows if all(is_number("".join(row[k : k + 1])) for k in places.values())), -1)
     if start < 0:
-        raise text.error(f"no line has numbers in all columns of {columns!r}; {listed(text)}")
+        raise source.error(f"no line has numbers in all columns of {columns!r}; {listed(source)}")
     above = [cells_of(line) for line in (header, next((line for line, after in lines if after == start), ""))]
 
     def unit(name: str) -> str | None:
@@ -248,33 +248,33 @@ def _plain(name: str) -> str:
     return name.strip().lstrip("%# ").lower()
 
 
-def _table(text: TextFile) -> tuple[list[str], list[str]]:
+def _table(source: Source) -> tuple[list[str], list[str]]:
     """Return the names of the columns of an unknown table, empty without a header, and its first row."""
-    rows = [cells_of(text.lines[row]) for row in text.rows[:LAYOUT_ROWS]]
+    rows = [cells_of(source.lines[row]) for row in source.rows[:LAYOUT_ROWS]]
     start = max(range(len(rows)), key=lambda i: sum(map(is_number, rows[i])))
-    above = next((cells_of(line) for line, after in text.headers if after == start), [])
+    above = next((cells_of(line) for line, after in source.headers if after == start), [])
     return [cell.lstrip("# ") for cell in above] if len(above) == len(rows[start]) else [], rows[start]
 
 
-def is_table(text: TextFile) -> bool:
+def is_table(source: Source) -> bool:
     """Whether half of the first lines have several numbers."""
-    counts = [sum(map(is_number, cells_of(text.lines[row]))) for row in text.rows[:LAYOUT_ROWS]]
+    counts = [sum(map(is_number, cells_of(source.lines[row]))) for row in source.rows[:LAYOUT_ROWS]]
     return 2 * sum(count > 1 for count in counts) >= len(counts)
 
 
-def listed(text: TextFile) -> str:
+def listed(source: Source) -> str:
     """Return the columns of a table for messages, with their numbers."""
-    names, row = _table(text)
+    names, row = _table(source)
     found = ", ".join(f"{k} {name}" for k, name in enumerate(names or row, 1))
     return f"the columns are {found[:LIST_WIDTH]}{'...' * (len(found) > LIST_WIDTH)}"
 
 
-def guessed_option(text: TextFile, values: Quantity) -> str:
+def guessed_option(source: Source, values: Quantity) -> str:
     """Return the option that names the columns of an unknown table, with `?` for those that cannot be guessed."""
-    names, row = _table(text)
+    names, row = _table(source)
     words = [name.lower().replace("roll", "x").replace("pitch", "y").replace("yaw", "z") for name in names]
     words = words or [""] * len(row)
-    numeric, grid = [k for k, cell in enumerate(row) if is_number(cell)], layout_grid(text, len(row))
+    numeric, grid = [k for k, cell in enumerate(row) if is_number(cell)], layout_grid(source, len(row))
     stamps = [k for k in numeric if STAMPS.search(words[k])] or ([] if grid is None else rising(grid)) or [-1]
     wanted = values.names[: len(values.names) - values.optional] or values.names
     groups: dict[str, list[int]] = {}
@@ -291,31 +291,27 @@ def guessed_option(text: TextFile, values: Quantity) -> str:
     return "--columns " + ",".join(f"{name}={k + 1 or '?'}" for name, k in zip(("t", *wanted), places, strict=True))
 
 
-def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
-    """Raise `FileFormatError` if some rows contradict the columns.
-
-    A row has more cells than the header names, as those of a comma table with decimal commas have; or the rows are
-    samples of several sensors; or the timestamps do not rise, but another column does.
-    """
+def check_layout(source: Source, rows: Rows, columns: Columns) -> None:
+    """Raise `FileFormatError` if rows have more cells than the header, are of several sensors, or time falls."""
     some, named = spread(rows, LAYOUT_ROWS), len(columns.names)
-    cells = [cells_of(text.lines[row]) for row in some]
+    cells = [cells_of(source.lines[row]) for row in some]
     for row, found in zip(some, cells, strict=True):
         if 0 < named < len(found):
-            raise text.error(
+            raise source.error(
                 f"{len(found)} cells, but the header names {named} columns; if the numbers have decimal "
                 "commas, separate the columns by semicolons or tabs",
                 row,
             )
     for k, name in enumerate(columns.names):
         if SENSOR.fullmatch(name) and len({found[k] for found in cells if k < len(found)}) > 1:
-            raise text.error(f"column {k + 1} names several sensors; keep the lines of one only", some[0])
+            raise source.error(f"column {k + 1} names several sensors; keep the lines of one only", some[0])
     place = columns.places[0]
     width = min([64, *map(len, cells)])  # the columns of any sensor log, and a bound on the work for other files
     grid = np.array([[float(cell) if is_number(cell) else np.nan for cell in found[:width]] for found in cells])
     if cells and 0 <= place < width and not _rises(grid[:, place]):
         others = rising(grid)
         if others:
-            raise text.error(
+            raise source.error(
                 f"column {place + 1} was taken as time, but does not rise, unlike "
                 f"column {others[0] + 1}; choose: --columns t={others[0] + 1},...",
                 some[0],
@@ -329,21 +325,21 @@ def unit_of_time(
     # Timestamps that fit as nanoseconds fit in every unit, and their differences do not overflow.
     table.check_range(TIME_UNITS["ns"])
     if len(table.rows) < 2:
-        raise table.text.error("a log needs at least 2 samples, got 1", table.rows[0])
+        raise table.source.error("a log needs at least 2 samples, got 1", table.rows[0])
     fits = units_of_time(table.timestamps, rates)
     if len(fits) == 1:
         return fits[0]
     spacing = spacing_of(table.timestamps)
     shown = " or ".join(f"{unit} ({1 / (spacing * SECONDS[unit]):.3g} Hz)" for unit in fits)
-    raise table.text.error(
+    raise table.source.error(
         f"cannot determine the unit of time: samples {spacing:.6g} apart fit {shown or 'none of s, ms, us, ns'}; check "
         f"column {columns.places[0] + 1}, or give its unit: {columns.option(quantity, (fits or ['s'])[0])}"
     )
 
 
-def layout_grid(text: TextFile, columns: int) -> FloatArray | None:
+def layout_grid(source: Source, columns: int) -> FloatArray | None:
     """Return some rows of a table, spread over it; None unless the first and most others are `columns` numbers."""
-    cells = [cells_of(text.lines[row]) for row in spread(text.rows, LAYOUT_ROWS)]
+    cells = [cells_of(source.lines[row]) for row in spread(source.rows, LAYOUT_ROWS)]
     fitting = [row for row in cells if len(row) == columns and all(map(is_number, row))]
     if not fitting or fitting[0] is not cells[0] or 2 * len(fitting) < len(cells):
         return None

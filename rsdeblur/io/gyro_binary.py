@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,9 @@ import numpy as np
 from rsdeblur._util.validate import missing
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io._sensor import AVIF_BRANDS, BRANDS
-from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds
-from rsdeblur.io.source import Format, Source
+from rsdeblur.io.formats import Format
+from rsdeblur.io.samples import GYRO, AnySensor, Samples, vectors
+from rsdeblur.io.source import Source
 
 # Four-character codes of GoPro that telemetry-parser does not name: readout time (ms), electronic stabilisation.
 GOPRO_READOUT, GOPRO_STABILISED, GOPRO_STABILISER = "0x53524f54", "0x45495345", "0x45495341"
@@ -38,15 +38,15 @@ def trailer_of(source: Source) -> Any:
     return np.frombuffer(end, TRAILER)[0] if len(end) == TRAILER.itemsize and end.startswith(b"GYRODATA\0") else None
 
 
-def _read_trailer(source: Source) -> Samples:
+def _read_trailer(source: Source, _: AnySensor) -> Samples:
     trailer = trailer_of(source)
     ordered = np.roll(trailer["ring"][: trailer["total"]], -int(trailer["oldest"]))
     # Unused places of a ring that never filled up contain zeros.
     used = ordered[ordered["ns"] > 0]
     return Samples(
+        source.path,
         used["ns"].astype(np.int64),
         used["rates"].astype(np.float64),
-        lambda message, i: source.error(f"sample {i} of the GYRODATA trailer: {message}"),
         facts={"capture_ns": int(trailer["capture_ns"]), "shutter_command_ns": int(trailer["command_ns"])},
     )
 
@@ -100,37 +100,30 @@ def frame_exposures(path: str | os.PathLike[str]) -> list[float]:
 
 def _read_video(source: Source, sensor: AnySensor) -> Samples:
     camera, blocks, samples = telemetry_of(source)
-    gyro = [sample for sample in samples if sample.get("gyro") is not None]
-    if not gyro:
+    times, values = vectors(samples, "gyro")
+    if not len(times):
         raise source.error(f"the video of this {camera} has no gyro samples")
-    times = np.array([sample["timestamp_ms"] for sample in gyro], dtype=np.float64)
-    rates = np.array([sample["gyro"] for sample in gyro], dtype=np.float64)
     if sensor is not GYRO:
-        forces = [sample["accl"] for sample in samples if sample.get("accl") is not None]
-        if not forces or len(times) < 2:
+        _, values = vectors(samples, "accl")
+        if not len(values) or len(times) < 2:
             raise source.error(f"the video of this {camera} has no samples of an accelerometer")
         # telemetry-parser puts both sensors' samples side by side by their number, whatever their rates; they span the
         # same time.
-        times, rates = np.linspace(times[0], times[-1], len(forces)), np.array(forces, dtype=np.float64)
-    what = "gyro" if sensor is GYRO else "accelerometer"
-
-    def error_at(message: str, i: int) -> FileFormatError:
-        return source.error(f"{what} sample {i}: {message}")
-
+        times = np.linspace(times[0], times[-1], len(values))
     unit, facts, cautions = "deg/s" if sensor is GYRO else sensor.unit, _facts(camera, blocks), []
     if "stabilised" in facts:
         cautions.append(
             f"the camera stabilised the video itself ({facts['stabilised']}): its picture does not move as the camera "
             "did, so its blur cannot be computed from the gyro alone; record without stabilisation"
         )
-    return Samples(nanoseconds(times, error_at), rates, error_at, unit, "gyroflow", None, "ms", facts, cautions)
+    return Samples.of_ms(source.path, times, values, unit=unit, facts=facts, cautions=cautions)
 
 
 def other_logs(source: Source) -> Iterator[Format[Samples]]:
     """Yield the format of a log that only telemetry-parser knows, such as Betaflight's; nothing if it fails too."""
     with contextlib.suppress(FileFormatError):
         samples = _read_video(source, GYRO)
-        yield Format("telemetry", "log that telemetry-parser reads", lambda _: True, lambda _: samples)
+        yield Format("telemetry", "log that telemetry-parser reads", lambda _: True, lambda *_: samples)
 
 
 def _facts(camera: str, blocks: Blocks) -> dict[str, Any]:
@@ -144,11 +137,5 @@ def _facts(camera: str, blocks: Blocks) -> dict[str, Any]:
     return facts
 
 
-def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
-    """Return the formats of a sensor's logs."""
-    title = "video with a telemetry track: GoPro, DJI, Sony, Insta360"
-    video = Format("video", title, is_video, partial(_read_video, sensor=sensor))
-    if sensor is not GYRO:
-        return (video,)
-    sniff = lambda source: trailer_of(source) is not None  # noqa: E731
-    return Format("gyrodata", "JPEG with a GYRODATA trailer", sniff, _read_trailer), video
+JPEG = Format("gyrodata", "JPEG with a GYRODATA trailer", lambda source: trailer_of(source) is not None, _read_trailer)
+VIDEO = Format("video", "video with a telemetry track: GoPro, DJI, Sony, Insta360", is_video, _read_video)

@@ -1,38 +1,35 @@
 """Logs of gyros and accelerometers in the formats of common apps and cameras.
 
-To add a format, write its `sniff` and `read` in a file of its own and add its `formats` to `FAMILIES`; the first whose
-`sniff` accepts the content wins. One more app that writes a table is a row of `gyro_tables.APPS`.
+To add a format, write its `sniff` and `read` in a file of its own and add it to `FORMATS`; the first whose `sniff`
+accepts the content wins. One more app that writes a table is a row of `gyro_tables.APPS`.
 """
 
 from __future__ import annotations
 
 import os
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from itertools import groupby, pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rsdeblur._util import validate
 from rsdeblur.errors import InputError
 from rsdeblur.io import gyro_binary, gyro_tables, gyroflow
+from rsdeblur.io.formats import Format, choose, members_of, mistaken
 from rsdeblur.io.samples import ACCELEROMETER, GYRO, AnySensor, GyroFile, Samples, finish
-from rsdeblur.io.source import Format, Source, choose, members_of, mistaken
-from rsdeblur.io.text import cells_of, is_number, line_error
+from rsdeblur.io.source import Source, cells_of, is_number, line_error
 from rsdeblur.motion.axes import imu_to_camera
 from rsdeblur.motion.axes import orientation as orientation_matrix
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.gyro import AccelerationLog, GyroLog
 
-FAMILIES = (gyro_binary.formats, gyroflow.formats, gyro_tables.formats)
-
-
-@cache
-def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
-    """Return the formats of a sensor's logs, in the order in which they are tried."""
-    return tuple(each for family in FAMILIES for each in family(sensor))
+# The formats of each sensor's logs, in the order in which they are tried.
+FORMATS: dict[AnySensor, tuple[Format[Samples], ...]] = {
+    GYRO: (gyro_binary.JPEG, gyro_binary.VIDEO, gyroflow.GCSV, gyroflow.PROJECT, *gyro_tables.FORMATS[GYRO]),
+    ACCELEROMETER: (gyro_binary.VIDEO, gyroflow.GCSV, *gyro_tables.FORMATS[ACCELEROMETER]),
+}
 
 
 def read_gyro(
@@ -77,12 +74,9 @@ def read_gyro(
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is empty, damaged, cut off or of an unknown format, contains no gyro samples or
-        those of an accelerometer, or is an archive of several logs; if `format` is not the name of a format, or the
-        file is not in it; if an optional package is needed and not installed; or, naming the line, if a cell is
-        missing, not a number or not finite, a rate is impossible, a timestamp conflicts with another or is beyond
-        int64, or the column of timestamps does not rise; if the log contains no timestamps and `rate` is missing, or
-        contains timestamps and `rate` is given.
+        If the file is damaged, not in `format` or a known format, contains no gyro samples or several logs, or needs an
+        optional package; if a cell, a rate or a timestamp is impossible, with its line; if timestamps are missing
+        without `rate`, or present with it.
     InputError
         If `unit`, `orientation`, `rate` or `columns` is not a valid one.
 
@@ -112,25 +106,18 @@ def open_gyro(
     rate: float | None = None,
     columns: str | None = None,
 ) -> GyroFile:
-    """Read a gyro log, as :func:`read_gyro` does, with the other content of its file.
-
-    Parameters
-    ----------
-    path, format, unit, orientation, rate, columns
-        See :func:`read_gyro`.
-    """
-    overrides: dict[str, Any] = {}
-    if orientation is not None:
-        validate.instance("orientation", orientation, str)
-        overrides = {"turn": orientation_matrix(orientation), "axes": "gyroflow", "cautions": ()}
+    """Read a gyro log, as :func:`read_gyro` does, with the other content of its file."""
+    turn = None if orientation is None else orientation_matrix(validate.instance("orientation", orientation, str))
     chosen, source, pauses = _choose(path, GYRO, format, columns)
-    samples, path = chosen.read(source), source.path
+    samples = chosen.read(source, GYRO)
     # Frees the content, perhaps a gigabyte, before the log is made.
     del source
-    samples = _with_pauses(replace(samples, **overrides), pauses)
-    facts = dict(samples.facts) | ({"orientation": orientation} if orientation else {})
-    log, unit = finish(samples, GYRO, unit, rate, partial(line_error, path))
-    return GyroFile(log, chosen.name, samples.axes, samples.time_unit, unit, facts)
+    if turn is not None:
+        facts = {**samples.facts, "orientation": orientation}
+        samples = replace(samples, turn=turn, axes="gyroflow", facts=facts, cautions=())
+    samples = _with_pauses(samples, pauses)
+    log, unit = finish(samples, GYRO, unit, rate)
+    return GyroFile(log, chosen.name, samples.axes, samples.time_unit, unit, samples.facts)
 
 
 def read_acceleration(
@@ -158,8 +145,8 @@ def read_acceleration(
     Raises
     ------
     FileFormatError
-        If the file cannot be read or contains no accelerometer; if its median is not gravity in the unit, as after an
-        app has removed gravity; if it is an archive of several recordings; or for the reasons of :func:`read_gyro`.
+        If the file contains no accelerometer; if its median is not gravity in the unit, as after an app has removed
+        gravity; or for the reasons of :func:`read_gyro`.
     InputError
         If `unit` or `columns` is not a valid one.
 
@@ -169,8 +156,8 @@ def read_acceleration(
         If samples were sorted or dropped.
     """
     chosen, source, pauses = _choose(path, ACCELEROMETER, None, columns)
-    samples = _with_pauses(chosen.read(source), pauses)
-    return finish(samples, ACCELEROMETER, unit, None, partial(line_error, source.path))[0]
+    samples = _with_pauses(chosen.read(source, ACCELEROMETER), pauses)
+    return finish(samples, ACCELEROMETER, unit, None)[0]
 
 
 def detect_gyro_format(path: str | os.PathLike[str]) -> str:
@@ -184,10 +171,10 @@ def _choose(
     """Return the format, the source of the log (the file or a member of it), and the pauses in a file beside it."""
     if columns is not None and format is not None:
         raise InputError("columns and format exclude each other: columns are of a table")
-    known = formats(sensor) if columns is None else (gyro_tables.columns_format(sensor, columns),)
+    known = FORMATS[sensor] if columns is None else (gyro_tables.columns_format(sensor, columns),)
     order = partial(_order, sensor=sensor)
     members = members_of(Source(path, sensor.what), order)
-    pauses = _pauses_beside(members)
+    pauses = _pauses(members)
     tried = [each for each in known if format in (None, each.name)]
     # In their order, so that large files of other sensors are not parsed beside the log.
     for _, group in groupby(members, lambda member: order(member.path.name)):
@@ -219,14 +206,10 @@ def _order(name: str, sensor: AnySensor) -> tuple[bool, bool | str, bool]:
     return "totalacc" not in stem, stem if "acc" in stem else "~", False
 
 
-def _pauses_beside(members: list[Source]) -> list[tuple[float, float]]:
+def _pauses(members: list[Source]) -> list[tuple[float, float]]:
     """Return the pauses in phyphox's `meta/time.csv`: each its time in the experiment and its length, both in s."""
     clocks = (each for each in members if each.path.parts[-2:] == ("meta", "time.csv") and each.looks_like_text)
-    return next(map(_pauses, clocks), [])
-
-
-def _pauses(member: Source) -> list[tuple[float, float]]:
-    rows = [cells_of(line) for line in member.text.lines]
+    rows = [cells_of(line) for clock in clocks for line in clock.lines]
     times = [(row[0], float(row[1]), float(row[2])) for row in rows if [*map(is_number, row[1:3])] == [True] * 2]
     return [
         (at, now - then)

@@ -13,7 +13,6 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from decimal import Decimal
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,18 +20,22 @@ import numpy as np
 from rsdeblur._util.binary import base91_decode
 from rsdeblur._util.validate import missing
 from rsdeblur.choices import Distortion
-from rsdeblur.errors import FileFormatError, InputError
+from rsdeblur.errors import InputError
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request, finished
 from rsdeblur.io.columns import named_columns
-from rsdeblur.io.samples import GYRO, AnySensor, Samples, nanoseconds, table_samples
-from rsdeblur.io.source import Format, Source, text_format, unpacked_limit
-from rsdeblur.io.text import NUMBER, TextFile, read_table
+from rsdeblur.io.formats import Format, unpacked_limit
+from rsdeblur.io.samples import GYRO, AnySensor, Samples, vectors
+from rsdeblur.io.source import NUMBER, Source, read_table
 from rsdeblur.motion.axes import orientation
 from rsdeblur.types import FloatArray
 
 TITLES = ("GYROFLOW IMU LOG", "CAMERA IMU LOG")
 # Gyroflow's default for a log without an orientation.
 DEFAULT_ORIENTATION = "xzY"
+UNORIENTED = (
+    f"the log contains no orientation of its sensor: Gyroflow's default, {DEFAULT_ORIENTATION}, is assumed, which is "
+    "right for few loggers"
+)
 
 # Gyroflow's numbers and names of readout directions, in lower case.
 DIRECTIONS = {
@@ -61,27 +64,28 @@ def readout_of(table: Mapping[str, Any]) -> dict[str, Any]:
     return {"readout_time_s": abs(readout_time), "readout_direction": direction}
 
 
-def is_gcsv(text: TextFile) -> bool:
+def is_gcsv(source: Source) -> bool:
     """Whether the file is a `.gcsv` log."""
-    return text.head.strip().strip('",;').upper() in TITLES
+    return source.first_line.strip().strip('",;').upper() in TITLES
 
 
-def _read_gcsv(text: TextFile, sensor: AnySensor) -> Samples:
+def _read_gcsv(source: Source, sensor: AnySensor) -> Samples:
     """Read the gyro, in rad/s, or the accelerometer, in g, of a `.gcsv` file, both times their scale."""
     letter, unit = ("g", "rad/s") if sensor is GYRO else ("a", "g")
-    columns = named_columns(text, sensor.quantity)
+    columns = named_columns(source, sensor.quantity)
     if columns is None:
-        raise text.error(f"the Gyroflow log has no line `t,{letter}x,{letter}y,{letter}z` above its samples")
+        raise source.error(f"the Gyroflow log has no line `t,{letter}x,{letter}y,{letter}z` above its samples")
     # Values and their lines by key; a value may contain the mark that separates it from its key.
     keys: dict[str, tuple[str, int]] = {}
-    for row in text.rows[: columns.start - 1].tolist():
-        key, *value = (part.strip(' "') for part in re.split("[,:;]", text.lines[row].strip().rstrip(",;"), maxsplit=1))
+    for row in source.rows[: columns.start - 1].tolist():
+        line = source.lines[row].strip().rstrip(",;")
+        key, *value = (part.strip(' "') for part in re.split("[,:;]", line, maxsplit=1))
         keys[key.lower()] = (value[0] if value else "", row)
 
     def scale(key: str, default: str) -> Decimal:
         value, row = keys.get(key, (default, 0))
         if not NUMBER.fullmatch(value) or not 1e-12 <= float(value) <= 1e12:
-            raise text.error(f"{key} must be a number from 1e-12 to 1e12, got {value!r}", row)
+            raise source.error(f"{key} must be a number from 1e-12 to 1e12, got {value!r}", row)
         return Decimal(value)
 
     tscale, value_scale = scale("tscale", "0.001"), float(scale(f"{letter}scale", "1"))
@@ -89,26 +93,20 @@ def _read_gcsv(text: TextFile, sensor: AnySensor) -> Samples:
     try:
         turn = orientation(letters)
     except InputError as error:
-        raise text.error(str(error), row) from error
+        raise source.error(str(error), row) from error
     values = {key: value for key, (value, _) in keys.items()}
-    table = read_table(text, text.rows[columns.start :], columns.places)
-    return table_samples(
-        table,
+    table = read_table(source, source.rows[columns.start :], columns.places)
+    return Samples(
+        source.path,
         table.nanoseconds(tscale * 10**9),
+        table.values * value_scale,
+        table.rows,
         axes="gyroflow",
         time_unit=f"{tscale.normalize()} s",
-        scale=value_scale,
         unit=unit,
         turn=turn,
         facts={"orientation": letters} | readout_of(values),
-        cautions=[] if "orientation" in keys else [_without_orientation(letters)],
-    )
-
-
-def _without_orientation(letters: str) -> str:
-    return (
-        f"the log contains no orientation of its sensor: Gyroflow's default, {letters}, is assumed, which is right for "
-        "few loggers"
+        cautions=[] if "orientation" in keys else [UNORIENTED],
     )
 
 
@@ -119,7 +117,7 @@ def is_project(content: Any) -> bool:
     )
 
 
-def _read_project(source: Source) -> Samples:
+def _read_project(source: Source, _: AnySensor) -> Samples:
     project = source.json
     with source.parsing("the gyro data of the project"):
         gyro = project.get("gyro_source") or {}
@@ -136,7 +134,7 @@ def _read_project(source: Source) -> Samples:
         # Gyroflow's export of metadata has it beside the samples.
         places = (gyro, metadata, project)
         letters = next((word for place in places if (word := place.get("imu_orientation"))), None)
-        cautions = [] if letters else [_without_orientation(DEFAULT_ORIENTATION)]
+        cautions = [] if letters else [UNORIENTED]
         # Applied in Gyroflow's order: bias (deg/s, raw axes, added), orientation, rotation (pitch, roll, yaw in deg).
         bias = np.array(gyro.get("gyro_bias") or (0, 0, 0), dtype=np.float64)
         from scipy.spatial.transform import Rotation  # takes 0.25 s to import; only projects need it
@@ -145,17 +143,12 @@ def _read_project(source: Source) -> Samples:
         turn = Rotation.from_euler("xyz", (yaw, pitch, roll), degrees=True).as_matrix()
         turn = turn @ orientation(letters or DEFAULT_ORIENTATION)
 
-        def error_at(message: str, i: int) -> FileFormatError:
-            return source.error(f"sample {i}: {message}")
-
-        return Samples(
-            nanoseconds(t_ms, error_at),
+        return Samples.of_ms(
+            source.path,
+            t_ms,
             rates + bias * (1.0 if unit == "deg/s" else np.pi / 180),
-            error_at,
             unit=unit,
-            axes="gyroflow",
             turn=turn,
-            time_unit="ms",
             facts={"orientation": letters or DEFAULT_ORIENTATION}
             | readout_of(metadata)
             | readout_of(project.get("stabilization") or {}),
@@ -163,22 +156,16 @@ def _read_project(source: Source) -> Samples:
         )
 
 
-def offset_ms(value: Any) -> float:
-    """Return a clock offset of a project, video time minus gyro time in ms; some versions write it as a list."""
-    return float(value[0] if isinstance(value, list) else value)
-
-
 def _decoded(source: Source, raw: Any) -> tuple[FloatArray, FloatArray, str]:
     """Return the times in ms, the rates, and the unit of the rates."""
     if isinstance(raw, str):
         data = _payload(source, raw)
-        if _looks_like_bincode(data):
-            return *_bincode(data), "deg/s"
+        count = int.from_bytes(data[:8], "little")
+        if 11 * count <= len(data) - 8 <= 83 * count:  # bytes of the samples
+            return *_bincode(data, count), "deg/s"
         raw = _cbor(source, data)
     if isinstance(raw[0], Mapping):
-        readings = [sample for sample in raw if sample.get("gyro") is not None]
-        times = np.array([sample["timestamp_ms"] for sample in readings], dtype=np.float64)
-        return times, np.array([sample["gyro"] for sample in readings], dtype=np.float64), "deg/s"
+        return *vectors(raw, "gyro"), "deg/s"
     # The first versions of Gyroflow, written in Python, saved rows of s and rad/s.
     table = np.array(raw, dtype=np.float64)
     return 1e3 * table[:, 0], table[:, 1:4], "rad/s"
@@ -193,15 +180,8 @@ def _payload(source: Source, text: str) -> bytes:
     return data
 
 
-def _looks_like_bincode(data: bytes) -> bool:
-    """Whether the length fits the sample count at the start, at 11 to 83 bytes per sample."""
-    count = int.from_bytes(data[:8], "little")
-    return 11 * count <= len(data) - 8 <= 83 * count
-
-
-def _bincode(data: bytes) -> tuple[FloatArray, FloatArray]:
+def _bincode(data: bytes, count: int) -> tuple[FloatArray, FloatArray]:
     """Decode samples of a time (f64, ms) and three optional vectors (one tag byte each): gyro, accelerometer, ..."""
-    (count,) = struct.unpack_from("<Q", data)
     place, times, rates = 8, [], []
     for _ in range(count):
         (time,) = struct.unpack_from("<d", data, place)
@@ -232,9 +212,7 @@ def _cbor(source: Source, data: bytes) -> Any:
 
 def is_lens(source: Source) -> bool:
     """Whether the file is a lens profile or a project of Gyroflow."""
-    if not source.looks_like_json or not isinstance(source.json, dict):
-        return False
-    return is_profile(source.json) or is_project(source.json)
+    return source.looks_like_json and (is_profile(source.json) or is_project(source.json))
 
 
 def is_profile(content: Mapping[str, Any]) -> bool:
@@ -257,9 +235,9 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
     width, height = int(size.get("w") or 0), int(size.get("h") or 0)
     if matrix.shape != (3, 3) or not width or not height:
         raise source.error("the profile contains no calibration; describe the camera with: rsdeblur camera new")
-    setting = _setting(source, profile, request)
-    _refuse_unmodelled(source, profile | setting)
-    crop = float((profile | setting).get("crop") or 1.0)
+    profile = profile | _setting(source, profile, request)
+    _refuse_unmodelled(source, profile)
+    crop = float(profile.get("crop") or 1.0)
     if not 1e-3 <= crop <= 1e3:
         raise source.error(f"the profile's crop is {crop:g}, but must be from 0.001 to 1000")
     # Gyroflow treats four zeros as no distortion, although the formula gives an equidistant lens.
@@ -268,7 +246,7 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
     model: Distortion = "none" if not any(k) else "radtan" if standard else "fisheye"
     named = ("camera_brand", "camera_model", "lens_model", "camera_setting", "calibrated_by", "fps")
     facts = {key: profile[key] for key in named if profile.get(key)} | {"calibration_error_px": params.get("RMS_error")}
-    timing = {"readout_time_s": 0.0} if profile.get("global_shutter") else readout_of(profile | setting)
+    timing = {"readout_time_s": 0.0} if profile.get("global_shutter") else readout_of(profile)
     readout_time, assumed = timing.get("readout_time_s"), []
     if readout_time:
         # In the public database they range from 0.01 to 100 ms.
@@ -355,7 +333,9 @@ def _project(source: Source, project: dict[str, Any], request: Request) -> Camer
         size = int(video["width"]), int(video["height"])
         request = replace(request, size=size, fps=request.fps or video.get("fps"))
     file = _profile(source, profile, request)
-    offsets = [offset_ms(value) / 1e3 for value in (project.get("offsets") or {}).values()]
+    # Video time minus gyro time in ms, of which some versions write a list.
+    values = (project.get("offsets") or {}).values()
+    offsets = [float(value[0] if isinstance(value, list) else value) / 1e3 for value in values]
     assumptions = list(file.assumptions)
     if offsets and max(offsets) - min(offsets) > 1e-3:
         text = f"the clocks drift by {1e3 * (max(offsets) - min(offsets)):.1f} ms; their mean offset is used"
@@ -367,9 +347,7 @@ def _project(source: Source, project: dict[str, Any], request: Request) -> Camer
     return CameraFile(camera, "gyroflow-project", file.facts, tuple(assumptions))
 
 
-def formats(sensor: AnySensor) -> tuple[Format[Samples], ...]:
-    """Return the formats of a sensor's logs."""
-    gcsv = text_format("gcsv", "Gyroflow .gcsv", is_gcsv, partial(_read_gcsv, sensor=sensor))
-    is_json = lambda source: source.looks_like_json and is_project(source.json)  # noqa: E731
-    project = Format("gyroflow", "Gyroflow project", is_json, _read_project)
-    return (gcsv, project) if sensor is GYRO else (gcsv,)
+GCSV = Format("gcsv", "Gyroflow .gcsv", is_gcsv, _read_gcsv)
+PROJECT = Format(
+    "gyroflow", "Gyroflow project", lambda source: source.looks_like_json and is_project(source.json), _read_project
+)

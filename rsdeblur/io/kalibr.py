@@ -34,7 +34,7 @@ def sniff(source: Source) -> bool:
     if not source.looks_like_text or source.looks_like_json:
         return False
     keys = r"^[ \t]*(-[ \t]*)?(cam\d+|cam0_calib|cameras|camera_model|model_type|T_cam_imu)\s*:"
-    return re.search(keys, source.text.start, re.MULTILINE) is not None
+    return re.search(keys, source.start, re.MULTILINE) is not None
 
 
 def read(source: Source, request: Request) -> CameraFile:
@@ -58,7 +58,7 @@ def _load(source: Source) -> Any:
     except ModuleNotFoundError:
         raise source.error(missing("YAML files need PyYAML", "kalibr")) from None
     # OpenCV writes a header that is not a YAML directive, and marks its matrices with a tag.
-    lines = [line for line in source.text.lines if not line.startswith("%")]
+    lines = [line for line in source.lines if not line.startswith("%")]
     text = re.sub(r"!!opencv-matrix", "", "\n".join(lines))
     try:
         # A few lines of nested aliases may expand beyond the memory.
@@ -71,22 +71,20 @@ def _load(source: Source) -> Any:
 
 def _cameras(source: Source, content: Any) -> dict[str, dict[str, Any]]:
     """Return the cameras by name, each in Kalibr's form."""
-    cameras: dict[str, dict[str, Any]] = {}
-    if isinstance(content, dict) and "camera_model" in content:
-        cameras = {"cam0": content}
-    elif isinstance(content, dict) and "cam0_calib" in content:
+    content = content if isinstance(content, dict) else {}
+    if "cam0_calib" in content:
         raise source.error(f"the camera is in another file: give {content['cam0_calib']}")
-    elif isinstance(content, dict) and "model_type" in content:
-        with source.parsing("cam0"):
-            cameras = {"cam0": content | _of_vins(content)}
-    elif isinstance(content, dict) and isinstance(content.get("cameras"), list):
-        for i, entry in enumerate(content["cameras"]):
-            if isinstance(entry, dict):
-                # maplab has the keys of the camera one level deeper, under other names and with hyphens.
-                with source.parsing(f"cam{i}"):
-                    cameras[f"cam{i}"] = _of_maplab(entry | (entry.get("camera") or {}))
-    elif isinstance(content, dict):
-        cameras = {key: value for key, value in content.items() if re.fullmatch(r"cam\d+", str(key))}
+    with source.parsing("the cameras"):
+        if "camera_model" in content:
+            cameras = {"cam0": content}
+        elif "model_type" in content:
+            cameras = {"cam0": _of_vins(content)}
+        elif isinstance(content.get("cameras"), list):
+            # maplab has the keys of the camera one level deeper, under other names and with hyphens.
+            entries = (entry | (entry.get("camera") or {}) for entry in content["cameras"])
+            cameras = {f"cam{i}": _of_maplab(entry) for i, entry in enumerate(entries)}
+        else:
+            cameras = {key: value for key, value in content.items() if re.fullmatch(r"cam\d+", str(key))}
     if not cameras or not all(isinstance(camera, dict) for camera in cameras.values()):
         raise source.error("the file describes no camera; expected cam0 with intrinsics and resolution")
     return cameras
@@ -94,7 +92,7 @@ def _cameras(source: Source, content: Any) -> dict[str, dict[str, Any]]:
 
 def _of_maplab(entry: dict[str, Any]) -> dict[str, Any]:
     distortion = entry.get("distortion") or {"type": "none"}
-    renamed = {
+    return entry | {
         "camera_model": entry.get("type", "pinhole"),
         "intrinsics": entry.get("intrinsics"),
         "resolution": [entry.get("image_width"), entry.get("image_height")],
@@ -102,7 +100,6 @@ def _of_maplab(entry: dict[str, Any]) -> dict[str, Any]:
         "distortion_coeffs": distortion.get("parameters", []),
         "line_delay": float(entry.get("line-delay-nanoseconds") or 0) * 1e-9,
     }
-    return renamed | {key: entry[key] for key in (*FORWARD, *INVERSE, "timeshift_cam_imu") if key in entry}
 
 
 def _of_vins(entry: dict[str, Any]) -> dict[str, Any]:
@@ -112,7 +109,7 @@ def _of_vins(entry: dict[str, Any]) -> dict[str, Any]:
         model, keys, kind = "PINHOLE", "mu mv u0 v0 k2 k3 k4 k5", "equidistant"
     values = projection | (entry.get("distortion_parameters") or {})
     readout_time = entry.get("rolling_shutter") and entry.get("rolling_shutter_tr")
-    return {
+    return entry | {
         "camera_model": model.lower(),
         "intrinsics": [values.get(key) for key in keys.split()[:4]],
         "resolution": [entry["image_width"], entry["image_height"]],
@@ -162,16 +159,13 @@ def _imu_to_camera(entry: dict[str, Any], assumptions: list[Assumption]) -> Floa
     """Return the rotation from IMU to camera axes; files contain the transformation or its inverse."""
     for key in (*FORWARD, *INVERSE):
         if key in entry:
-            return _rotation(entry[key]) if key in FORWARD else _rotation(entry[key]).T
+            numbers = _numbers(entry[key])
+            side = {9: 3, 12: 4, 16: 4}[len(numbers)]
+            rotation = np.array(numbers).reshape(-1, side)[:3, :3]
+            return rotation if key in FORWARD else rotation.T
     text = f"the file has no axes of the IMU ({', '.join((*FORWARD, *INVERSE))}): those of the camera are assumed"
     assumptions.append(Assumption("imu_to_camera", text))
     return np.eye(3)
-
-
-def _rotation(value: Any) -> FloatArray:
-    numbers = _numbers(value)
-    side = {9: 3, 12: 4, 16: 4}[len(numbers)]
-    return np.array(numbers).reshape(-1, side)[:3, :3]
 
 
 def _numbers(value: Any) -> list[float]:
@@ -185,12 +179,12 @@ def _numbers(value: Any) -> list[float]:
 
 def sniff_dso(source: Source) -> bool:
     """Whether the file is DSO's."""
-    return source.looks_like_text and DSO.match(source.text.start) is not None
+    return source.looks_like_text and DSO.match(source.start) is not None
 
 
 def read_dso(source: Source, request: Request) -> CameraFile:
     """Read the camera of the pictures before DSO rectifies them."""
-    name, lens_text, *size, _ = DSO.findall(source.text.start)[0]
+    name, lens_text, *size, _ = DSO.findall(source.start)[0]
     with source.parsing("the camera"):
         width, height, fx, fy, cx, cy, *k = map(float, (*size, *lens_text.split()))
         if max(cx, cy) < 1:

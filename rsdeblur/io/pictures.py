@@ -24,9 +24,10 @@ from rsdeblur._util.binary import DAMAGE
 from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io import _sensor, _tiff
+from rsdeblur.io.formats import mistaken
 from rsdeblur.io.metadata import Picture as Picture
 from rsdeblur.io.metadata import fitting_profile, of_info
-from rsdeblur.io.source import Refused, Source, mistaken
+from rsdeblur.io.source import Source
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
 
@@ -61,9 +62,8 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is empty, truncated, damaged or not a picture of these formats; if its extra is not
-        installed or the memory is too small; or if it has more than 500 megapixels, more than 64 megapixels at over
-        1000 pixels per byte, or samples other than 1 to 8 bit, 16 bit or float.
+        If the file is damaged or not a picture of these formats; if its extra is not installed; or if it has more than
+        500 megapixels, more than 64 at over 1000 pixels per byte, or samples other than 1 to 8 bit, 16 bit or float.
 
     Examples
     --------
@@ -85,7 +85,7 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
             f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture, or its header is damaged; convert other "
             "pictures first"
         ) from None
-    except (Image.DecompressionBombError, Refused) as error:
+    except (Image.DecompressionBombError, FileFormatError) as error:
         raise FileFormatError(f"{path}: {error}") from error
     except MemoryError as error:
         raise FileFormatError(f"{path}: not enough memory for the picture, or its size is damaged") from error
@@ -101,7 +101,7 @@ def _of_npy(data: bytes) -> NDArray[Any]:
     pixels = np.load(BytesIO(data), allow_pickle=False)
     is_picture = pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] in (2, 3, 4))
     if not is_picture or not pixels.size or pixels.dtype not in (np.uint8, np.uint16, np.float32):
-        raise Refused(
+        raise FileFormatError(
             f"the array has shape {pixels.shape} and type {pixels.dtype}; a picture is not empty, and has shape (H, W) "
             "or (H, W, C) with C = 2, 3 or 4 and type uint8, uint16 or float32"
         )
@@ -111,13 +111,9 @@ def _of_npy(data: bytes) -> NDArray[Any]:
 def is_picture(source: Source) -> bool:
     """Whether the content starts like a picture."""
     head = source.head
-    return (
-        head.startswith((b"\xff\xd8\xff", PNG_MAGIC, *_tiff.MAGIC, *_sensor.RAW_MAGIC))
-        or (head[:4], head[8:12]) == (b"RIFF", b"WEBP")
-        or head[4:12] == b"ftypcrx "
-        or head.startswith(NPY_MAGIC)
-        or _sensor.is_heif(head)
-    )
+    magic = (b"\xff\xd8\xff", PNG_MAGIC, NPY_MAGIC, *_tiff.MAGIC, *_sensor.RAW_MAGIC)
+    is_webp = head[:4] == b"RIFF" and head[8:12] == b"WEBP"
+    return head.startswith(magic) or is_webp or head[4:12] == b"ftypcrx " or _sensor.is_heif(head)
 
 
 def read_header(path: str | os.PathLike[str]) -> tuple[int, int, bytes | None]:
@@ -147,7 +143,7 @@ def _decode(data: bytes, suffix: str) -> Picture:
     with warnings.catch_warnings(action="ignore", category=Image.DecompressionBombWarning):
         image = Image.open(BytesIO(data), formats=("JPEG", "PNG", "WEBP"))
     if image.width * image.height > limit:
-        raise Refused(f"the picture claims {image.width}x{image.height} pixels; the limit is {limit}")
+        raise FileFormatError(f"the picture claims {image.width}x{image.height} pixels; the limit is {limit}")
     with image:
         image.load()
         # Pillow reduces 16-bit colour to 8 bit. IHDR, with the bit depth at byte 24, is always the first chunk.
@@ -173,13 +169,10 @@ def read_psfs(path: str | os.PathLike[str], shape: tuple[int, ...]) -> PsfBank:
     stored, is_picture = _array_or_picture(path, "PSF")
     try:
         values = validate.real_array("PSFs", stored, most=validate.MOST_LIGHT)
-    except InputError as error:
-        raise FileFormatError(f"{path}: {error}") from error
-    if is_picture and values.ndim == 3:  # the mean of the colours, without alpha
-        values = values[:, :, : values.shape[2] - (values.shape[2] in (2, 4))].mean(axis=2)
-    if values.ndim not in (2, 4) or values.size == 0:
-        raise FileFormatError(f"{path}: a PSF has shape (kh, kw), PSFs have (B, S, kh, kw), found {values.shape}")
-    try:
+        if is_picture and values.ndim == 3:  # the mean of the colours, without alpha
+            values = values[:, :, : values.shape[2] - (values.shape[2] in (2, 4))].mean(axis=2)
+        if values.ndim not in (2, 4) or values.size == 0:
+            raise InputError(f"a PSF has shape (kh, kw), PSFs have (B, S, kh, kw), found {values.shape}")
         return PsfBank.for_picture(values, shape)
     except InputError as error:
         raise FileFormatError(f"{path}: {error}") from error
@@ -192,8 +185,7 @@ def read_depths(path: str | os.PathLike[str]) -> FloatArray:
     ----------
     path : path-like
         A NumPy file or a picture of one channel that spans the photo as stored, at any resolution. Floats are metres;
-        whole numbers of 16 bits or more are millimetres, as depth cameras and the lidars of phones store them. Where a
-        value is 0 or not a number, the depth is unknown.
+        whole numbers of 16 bits or more are millimetres. Where a value is 0 or not a number, the depth is unknown.
 
     Returns
     -------

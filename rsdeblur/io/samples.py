@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import pi
+from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
@@ -15,7 +16,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io.columns import ACCELERATION, RATE, Quantity
-from rsdeblur.io.text import INT64_LIMIT, Table, line_error
+from rsdeblur.io.source import INT64_LIMIT, Rows, line_error
 from rsdeblur.motion.gyro import LARGEST, SUSPICIOUS_MEDIAN, SUSPICIOUS_PEAK, AccelerationLog, GyroLog
 from rsdeblur.motion.units import FASTEST, SLOWEST, saturated, shows_degrees
 from rsdeblur.types import FloatArray
@@ -30,8 +31,6 @@ GRAVITY = 9.80665
 SHAKE_RATE = 50.0
 
 Log = TypeVar("Log", GyroLog, AccelerationLog)
-Error = Callable[[str], FileFormatError]
-ErrorAt = Callable[[str, int], FileFormatError]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,9 +66,10 @@ AnySensor = Sensor[GyroLog] | Sensor[AccelerationLog]
 class Samples:
     """Samples as they are in a file."""
 
+    path: Path
     ns: NDArray[np.int64] | None  # timestamps in ns, shape (n,); None if the file contains none
     values: FloatArray  # rates or accelerations in `unit`, shape (n, 3)
-    error_at: ErrorAt  # returns the error for a message about sample i
+    rows: Rows | None = None  # lines of the samples in the file, counted from 0, if they have any
     unit: str | None = "rad/s"  # unit of the values; None if the samples must show it
     axes: Axes = "phone"  # the frame of the values after `turn`, the rotation from the file's axes
     turn: FloatArray | None = None
@@ -77,6 +77,23 @@ class Samples:
     facts: Mapping[str, Any] = field(default_factory=dict)  # other content of the file, for reports
     cautions: Sequence[str] = ()  # reasons to distrust the log; each becomes a warning
     forces: FloatArray | None = None  # accelerations beside the rates, in their axes and in any unit, shape (n, 3)
+
+    @classmethod
+    def of_ms(cls, path: Path, milliseconds: FloatArray, values: FloatArray, **fields: Any) -> Samples:
+        """Return samples of Gyroflow or telemetry-parser; raise `FileFormatError` for a time that int64 ns lack."""
+        samples = cls(path, None, values, axes="gyroflow", time_unit="ms", **fields)
+        # float64 is coarser than 1 ns near the limit: a margin keeps rounding inside.
+        (beyond,) = np.nonzero(~(np.abs(milliseconds) < (INT64_LIMIT - 1024) / 1e6))
+        if beyond.size:
+            i = int(beyond[0])
+            raise samples.error(f"timestamp {milliseconds[i]:g} ms is beyond the int64 range of nanoseconds", i)
+        return replace(samples, ns=np.round(milliseconds * 1e6).astype(np.int64))
+
+    def error(self, message: str, i: int | None = None) -> FileFormatError:
+        """Return the error that names the file and the place of sample `i` in it."""
+        if i is not None and self.rows is None:
+            message = f"sample {i}: {message}"
+        return line_error(self.path, message, None if i is None or self.rows is None else self.rows[i])
 
 
 @one_line()
@@ -92,50 +109,36 @@ class GyroFile:
     facts: Mapping[str, Any]  # other content of the file: readout time, device, clock offsets
 
 
-def table_samples(table: Table, ns: NDArray[np.int64] | None, *, scale: float = 1.0, **fields: Any) -> Samples:
-    """Return the samples of a text table, its values times `scale`; errors name its lines."""
-    # The errors must not keep the text alive, which may be a gigabyte.
-    path, rows = table.text.path, table.rows
-    values = table.values if scale == 1 else table.values * scale
-    return Samples(ns, values, lambda message, i: line_error(path, message, rows[i]), **fields)
+def vectors(samples: Sequence[Mapping[str, Any]], sensor: str) -> tuple[FloatArray, FloatArray]:
+    """Return the times in ms and the vectors of a sensor of telemetry-parser, which some samples lack."""
+    own = [sample for sample in samples if sample.get(sensor) is not None]
+    return np.array([sample["timestamp_ms"] for sample in own], float), np.array([each[sensor] for each in own], float)
 
 
-def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64]:
-    """Return timestamps in ms as integers in ns; raise the error of the first one that does not fit."""
-    # float64 is coarser than 1 ns near the limit: a margin keeps rounding inside.
-    (beyond,) = np.nonzero(~(np.abs(milliseconds) < (INT64_LIMIT - 1024) / 1e6))
-    if beyond.size:
-        i = int(beyond[0])
-        raise error_at(f"timestamp {milliseconds[i]:g} ms is beyond the int64 range of nanoseconds (292 years)", i)
-    return np.round(milliseconds * 1e6).astype(np.int64)
-
-
-def finish(
-    samples: Samples, sensor: Sensor[Log], unit: str | None, rate: float | None, error: Error
-) -> tuple[Log, str]:
+def finish(samples: Samples, sensor: Sensor[Log], unit: str | None, rate: float | None) -> tuple[Log, str]:
     """Return the log and the unit of its values in the file: repair what is harmless, refuse what is not."""
     if unit is not None:
         validate.choice("unit", unit, sensor.units)
     is_gyro = sensor.values == "rates"
     likely = unit or samples.unit or sensor.unit
-    _check_values(samples, sensor.values, likely, error)
-    ns: NDArray[np.int64] = _timestamps(samples, rate, error)
+    _check_values(samples, sensor.values, likely)
+    ns: NDArray[np.int64] = _timestamps(samples, rate)
     cautions: list[str] = list(samples.cautions)
     sizes: FloatArray = sensor.units[likely] * np.sqrt(np.einsum("ij,ij->i", samples.values, samples.values))
     if not is_gyro:
         gravity = float(np.median(sizes))
         if not 0.5 < gravity / GRAVITY < 1.5:
-            raise error(
+            raise samples.error(
                 f"an accelerometer shows gravity, 9.8 m/s^2, but the median of these samples is {gravity:.3g} m/s^2, "
                 f"read as {likely}; give their unit ({', '.join(sensor.units)}), or a log with gravity"
             )
     elif np.mean(np.abs(sizes - GRAVITY) < 0.5) > 0.9:
-        raise error(
+        raise samples.error(
             "these look like the samples of an accelerometer at rest (9.8 m/s^2), not of a gyro; "
             "give the gyro's file, or the unit if it is not rad/s"
         )
     elif unit is None and samples.unit is None:
-        likely = _unit_of_rates(samples, ns, cautions, error)
+        likely = _unit_of_rates(samples, ns, cautions)
     t, values, epoch, repairs = ordered(ns, samples)
     if sensor.units[likely] != 1:
         values = values * sensor.units[likely]
@@ -150,25 +153,22 @@ def finish(
         try:
             log = sensor.make(t, values, epoch)
         except InputError as reason:
-            raise samples.error_at(str(reason), 0) if len(t) < 2 else error(str(reason)) from reason
-    remarks = _rate_cautions(samples, log.rate, error) + cautions if is_gyro else []
-    for remark in remarks + repairs:
-        warnings.warn(str(error(remark if is_gyro else f"accelerometer: {remark}")), RsdeblurWarning, stacklevel=3)
+            raise samples.error(str(reason), 0) if len(t) < 2 else samples.error(str(reason)) from reason
+    if is_gyro and log.rate > FASTEST:
+        raise samples.error(
+            f"the timestamps in {samples.time_unit} mean a sampling rate of {log.rate:.3g} Hz, but no gyro is faster "
+            "than 10 kHz; check the unit of time: --columns t=1:us,gx=2,gy=3,gz=4"
+        )
+    if log.rate < SHAKE_RATE:
+        slow = f"the gyro was sampled at {log.rate:.3g} Hz; shake needs {SHAKE_RATE:g} Hz"
+        cautions.insert(0, f"{slow}, so much of the motion is missing")
+    for remark in (cautions if is_gyro else []) + repairs:
+        text = f"{samples.path}: {remark}" if is_gyro else f"{samples.path}: accelerometer: {remark}"
+        warnings.warn(text, RsdeblurWarning, stacklevel=3)
     return log, likely
 
 
-def _rate_cautions(samples: Samples, rate: float, error: Error) -> list[str]:
-    """Return a caution about a slow gyro; raise `FileFormatError` for one that is faster than any, in Hz."""
-    if rate > FASTEST:
-        raise error(
-            f"the timestamps in {samples.time_unit} mean a sampling rate of {rate:.3g} Hz, but no gyro is faster than "
-            "10 kHz; check the unit of time: --columns t=1:us,gx=2,gy=3,gz=4"
-        )
-    slow = f"the gyro was sampled at {rate:.3g} Hz; shake needs {SHAKE_RATE:g} Hz, so much of the motion is missing"
-    return [slow] if rate < SHAKE_RATE else []
-
-
-def _unit_of_rates(samples: Samples, ns: NDArray[np.int64], cautions: list[str], error: Error) -> str:
+def _unit_of_rates(samples: Samples, ns: NDArray[np.int64], cautions: list[str]) -> str:
     """Return the unit of rates for which the file names none, and add a caution if it is not rad/s."""
     if samples.forces is not None and shows_degrees(ns, samples.values, samples.forces):
         cautions.append(
@@ -179,22 +179,22 @@ def _unit_of_rates(samples: Samples, ns: NDArray[np.int64], cautions: list[str],
     sizes = np.linalg.norm(samples.values, axis=1)
     median, peak = float(np.median(sizes)), float(sizes.max())
     if median > SUSPICIOUS_MEDIAN or peak > SUSPICIOUS_PEAK:
-        raise error(
+        raise samples.error(
             f"the file names no unit of its rates, and a median of {median:.3g} and a peak of {peak:.3g} look "
             "like degrees; give the unit: unit (--unit deg/s or --unit rad/s)"
         )
     return "rad/s"
 
 
-def _check_values(samples: Samples, what: str, unit: str, error: Error) -> None:
+def _check_values(samples: Samples, what: str, unit: str) -> None:
     """Raise `FileFormatError` if there are no samples, or one is not finite or so large that computing may overflow."""
     values = samples.values
     if not len(values):
-        raise error("the file contains no samples")
+        raise samples.error("the file contains no samples")
     (bad,) = np.nonzero(~(np.abs(values) <= LARGEST).all(axis=1))
     if bad.size:
         i = int(bad[0])
-        raise samples.error_at(f"impossible {what}: {values[i].tolist()} {unit}; is the unit right?", i)
+        raise samples.error(f"impossible {what}: {values[i].tolist()} {unit}; is the unit right?", i)
 
 
 def ordered(ns: NDArray[np.int64], samples: Samples) -> tuple[FloatArray, FloatArray, int, list[str]]:
@@ -207,14 +207,14 @@ def ordered(ns: NDArray[np.int64], samples: Samples) -> tuple[FloatArray, FloatA
     return t, values, int(ns[0]), repairs
 
 
-def _timestamps(samples: Samples, rate: float | None, error: Error) -> NDArray[np.int64]:
+def _timestamps(samples: Samples, rate: float | None) -> NDArray[np.int64]:
     """Return the timestamps of the file, or those that follow from the sampling rate in Hz."""
     if samples.ns is not None:
         if rate is not None:
-            raise error("the file contains timestamps; leave out the sampling rate (rate, --rate)")
+            raise samples.error("the file contains timestamps; leave out the sampling rate (rate, --rate)")
         return samples.ns
     if rate is None:
-        raise error(
+        raise samples.error(
             "no column is named like timestamps; give the sampling rate in Hz (rate, --rate), or choose the columns, "
             "like --columns t=1:ms,gx=2,gy=3,gz=4"
         )
@@ -230,7 +230,7 @@ def _repaired(ns: NDArray[np.int64], samples: Samples) -> tuple[NDArray[np.int64
     values, repairs = samples.values, []
     origin = np.arange(len(ns))
     if (ns[1:] < ns[:-1]).any():
-        late = _late(ns, samples.error_at)
+        late = _late(ns, samples)
         origin = np.argsort(ns, kind="stable")
         ns, values = ns[origin], values[origin]
         repairs.append(f"{late} samples came late and were sorted in")
@@ -240,13 +240,13 @@ def _repaired(ns: NDArray[np.int64], samples: Samples) -> tuple[NDArray[np.int64
         if differ.size:
             i = int(origin[differ[0] + 1])
             timestamp = ns[differ[0]]
-            raise samples.error_at(f"duplicate timestamp {timestamp} ns with another value; keep one of the samples", i)
+            raise samples.error(f"duplicate timestamp {timestamp} ns with another value; keep one of the samples", i)
         ns, values = np.delete(ns, twice + 1), np.delete(values, twice + 1, axis=0)
         repairs.append(f"{twice.size} repeated samples were dropped")
     return ns, values, repairs
 
 
-def _late(ns: NDArray[np.int64], error_at: ErrorAt) -> int:
+def _late(ns: NDArray[np.int64], samples: Samples) -> int:
     """Return the number of samples that come after later ones, if they are few and each fills a hole in time."""
     t = ns.astype(np.float64)  # differences of arbitrary timestamps may overflow
     latest, ordered = np.maximum.accumulate(t), np.unique(t)
@@ -259,7 +259,7 @@ def _late(ns: NDArray[np.int64], error_at: ErrorAt) -> int:
     is_harmless = (latest[late] - t[late] <= 10 * interval) & (nearest >= 0.7 * interval)
     if late.size > max(1, 0.01 * len(ns)) or not is_harmless.all():
         i = int(late[np.argmin(is_harmless)])
-        raise error_at(
+        raise samples.error(
             f"timestamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns; the clock was set back, or the file "
             "contains several recordings; cut the log there",
             i,

@@ -14,12 +14,12 @@ import numpy as np
 from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import open_captures
+from rsdeblur.io.formats import entries_of
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.picture_output import KINDS
-from rsdeblur.io.source import Source, entries_of
+from rsdeblur.io.source import Source
 
 PHOTOS = (*KINDS, ".heic", ".dng")
-UNNUMBERED = "its name contains neither a timestamp nor a frame number"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +32,7 @@ class SessionPhoto:
 
 
 def unpacked(archive: Path, folder: Path) -> Path:
-    """Return the folder below `folder` into which the files of a session's zip archive were unpacked.
-
-    Files that are there already, with the size of the archive's, stay as they are.
-    """
+    """Unpack a session's zip archive below `folder` and return its folder; existing files of that size are kept."""
     target, source = folder / archive.stem, Source(archive, "archive")
     with source.parsing(f"unpacking it into {target}"), zipfile.ZipFile(archive) as opened:
         entries = entries_of(source, opened)
@@ -135,7 +132,7 @@ def indices_of(
     def time_of(path: Path) -> int | str:
         """Return the timestamp of a photo, or the reason why it is unknown."""
         if path not in numbers:
-            return UNNUMBERED
+            return "its name contains neither a timestamp nor a frame number"
         if (number := numbers[path]) >= least_timestamp:
             return number
         if numbered_from is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import replace
+from typing import cast
 
 from rsdeblur.errors import InputError
 from rsdeblur.io.columns import (
@@ -17,9 +18,9 @@ from rsdeblur.io.columns import (
     named_columns,
     unit_of_time,
 )
-from rsdeblur.io.samples import ordered, table_samples
-from rsdeblur.io.source import Source, choose, table_format
-from rsdeblur.io.text import TextFile, line_error, read_table
+from rsdeblur.io.formats import Format, choose
+from rsdeblur.io.samples import Samples, ordered
+from rsdeblur.io.source import Source, read_table
 from rsdeblur.motion.translation import Trajectory
 from rsdeblur.motion.units import LENGTH_SPELLINGS, dated_unit
 
@@ -61,36 +62,36 @@ def read_trajectory(path: str | os.PathLike[str], *, columns: str | None = None)
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is not such a table or contains fewer than two poses; or, naming the line, if a
-        cell is not a finite number, a timestamp conflicts with another, or a quaternion's norm is not 1.
+        If the file is not such a table or contains fewer than two poses; or, with its line, if a value is impossible.
     InputError
         If `columns` is not valid.
     """
     source = Source(path, WHAT)
     if columns is not None:
-        return _read(source.text, chosen_columns(source.text, columns, WHAT, POSE))
+        return _read(source, chosen_columns(source, columns, WHAT, POSE))
     return choose(FORMATS, source, quantity=POSE).read(source)
 
 
-def _read(text: TextFile, columns: Columns) -> Trajectory:
-    rows = text.rows[columns.start :]
-    check_layout(text, rows, columns)
-    table = read_table(text, rows, columns.places)
+def _read(source: Source, columns: Columns) -> Trajectory:
+    rows = source.rows[columns.start :]
+    check_layout(source, rows, columns)
+    table = read_table(source, rows, columns.places)
     # Keyframes are many seconds apart.
     dated = dated_unit(table.timestamps)
     unit = columns.units[0] or (dated if dated == "s" else unit_of_time(table, columns, POSE, POSE_RATES))
-    samples = table_samples(table, None, unit="m", axes="sensor", time_unit=unit)
-    t, values, epoch, _ = ordered(table.nanoseconds(TIME_UNITS[unit]), samples)
+    ns = table.nanoseconds(TIME_UNITS[unit])
+    t, values, epoch, _ = ordered(ns, Samples(source.path, ns, table.values, table.rows))
     try:
         return Trajectory(t, values[:, :3], values[:, 3:] if len(columns.places) == 8 else None, epoch)
     except InputError as reason:
-        raise line_error(text.path, str(reason)) from reason
+        raise source.error(str(reason)) from reason
 
 
-def _columns(text: TextFile) -> Columns | None:
+def _columns(source: Source) -> Columns | None:
     """Return the columns of times and positions, and of quaternions if there are any."""
-    count = next((count for count in (8, 4) if layout_grid(text, count) is not None), 0)
-    return named_columns(text, POSE) or (Columns(tuple(range(count))) if count else None)
+    count = next((count for count in (8, 4) if layout_grid(source, count) is not None), 0)
+    return named_columns(source, POSE) or (Columns(tuple(range(count))) if count else None)
 
 
-FORMATS = (table_format("poses", "`t tx ty tz qx qy qz qw`, `t x y z`, or a header of these", _columns, _read),)
+TITLE = "`t tx ty tz qx qy qz qw`, `t x y z`, or a header of these"
+FORMATS = (Format("poses", TITLE, _columns, lambda source: _read(source, cast("Columns", _columns(source)))),)

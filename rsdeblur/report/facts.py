@@ -18,12 +18,13 @@ from rsdeblur.io.camera_file import CameraFile
 from rsdeblur.io.cameras import detect_camera_format
 from rsdeblur.io.captures import FORMATS, clock_facts, open_captures
 from rsdeblur.io.columns import choice_for, choices_of
+from rsdeblur.io.formats import is_archive
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.gyroflow import is_profile
 from rsdeblur.io.metadata import MAKE, MODEL, Exif, shown_time
 from rsdeblur.io.picture_output import KINDS
 from rsdeblur.io.pictures import is_picture
-from rsdeblur.io.source import Source, is_archive
+from rsdeblur.io.source import Source
 from rsdeblur.motion.axes import PRESETS, imu_to_camera
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure

@@ -52,10 +52,9 @@ def hand_shake(duration: float, *, rate: float = 200.0, strength: float = 1.0, s
 
     Notes
     -----
-    Physiological hand tremor peaks between 6 and 12 Hz [1]_. The frequency of its mechanical part is proportional to
-    sqrt(stiffness / inertia) [2]_, so an arm that holds a phone swings at a few Hz. The strength of a steady hold
-    follows from a photographers' rule: with an exposure of 1/f s (f in mm, 35 mm film), blur stays near 1/30 mm, hence
-    the rate is about 0.03 rad/s.
+    Physiological hand tremor peaks between 6 and 12 Hz [1]_; an arm that holds a phone swings at a few Hz [2]_. The
+    strength of a steady hold follows from a photographers' rule: with an exposure of 1/f s (f in mm, 35 mm film), blur
+    stays near 1/30 mm.
 
     References
     ----------

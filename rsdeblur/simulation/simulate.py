@@ -73,9 +73,8 @@ def simulate(
     Parameters
     ----------
     sharp : array_like, shape (h, w) or (h, w, C)
-        The scene at the mid-exposure of the middle row; floats of the nominal range [0, 1], or uint8 or uint16, which
-        are scaled to it. It must be at least as large as the camera's picture, which is centred in it; the rest is
-        visible when the camera turns. Beyond its borders, the scene is mirrored.
+        The scene at the mid-exposure of the middle row: uint8, uint16 or floats in [0, 1]. It is at least as large as
+        the camera's picture, which is centred in it, and mirrored beyond its borders.
     log, camera, exposure
         The motion, the camera and the time of the exposure.
     noise : float, default 0.0
@@ -85,8 +84,8 @@ def simulate(
     samples : int or "auto"
         Number of warps per row, at least 1; "auto" takes at least 2 per pixel of the longest path.
     translation : Translation, optional
-        Positions of the camera. The scene is then a plane at `translation.depth`, perpendicular to the optical axis at
-        the mid-exposure of the middle row; a map of depths is refused.
+        Positions of the camera. The scene is then a plane at one `translation.depth`, perpendicular to the optical axis
+        at the mid-exposure of the middle row.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`: "auto" is sRGB for integers and linear for floats.
 
@@ -275,12 +274,11 @@ class _Stage:
         self._reference = 0.5 * sum(span)
         track = self._frame.translation(translation)
 
-        def plane(light: NDArray[np.float32], velocity: tuple[float, float], depth: float | None) -> Plane:
-            places = track if depth is None or track is None else replace(track, depth=depth)
-            return Plane(light, CameraPath(log, self._frame, span, epoch, places), velocity)
-
-        self.background = plane(self.scene, (0.0, 0.0), None)
-        self._things = [plane(light, each.velocity, each.depth) for light, each in zip(lights, layers, strict=True)]
+        self.background = Plane(self.scene, CameraPath(log, self._frame, span, epoch, track), (0.0, 0.0))
+        self._things = []
+        for light, each in zip(lights, layers, strict=True):
+            places = replace(track, depth=each.depth) if track and each.depth else track
+            self._things.append(Plane(light, CameraPath(log, self._frame, span, epoch, places), each.velocity))
 
     def recorded(self, n: int, samples: int) -> NDArray[np.float32]:
         """Return the light of an exposure with noise."""
@@ -395,9 +393,7 @@ class Plane:
     The camera's picture is centred in it at the reference time.
     """
 
-    def __init__(
-        self, light: NDArray[np.float32], path: CameraPath, velocity: tuple[float, float] = (0.0, 0.0)
-    ) -> None:
+    def __init__(self, light: NDArray[np.float32], path: CameraPath, velocity: tuple[float, float]) -> None:
         frame, stored, (height, width) = path.frame, path.frame.stored, light.shape[:2]
         #: Column and row of the picture's corner in `light`.
         self.corner = (width - stored.width) // 2, (height - stored.height) // 2

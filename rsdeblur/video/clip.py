@@ -19,8 +19,9 @@ from rsdeblur._util.files import checked_path, ffmpeg_input, open_file
 from rsdeblur._util.validate import missing
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io.captures import open_captures
+from rsdeblur.io.formats import mistaken
 from rsdeblur.io.sessions import encoded_timestamps, nearest_captures
-from rsdeblur.io.source import Source, mistaken
+from rsdeblur.io.source import Source
 from rsdeblur.motion.exposure import Exposure
 
 try:

@@ -14,7 +14,7 @@ import pytest
 from rsdeblur import FileFormatError, InputError, RsdeblurWarning, read_captures, read_gyro, read_trajectory
 from rsdeblur.io import open_gyro, read_acceleration
 from rsdeblur.io.samples import GyroFile
-from rsdeblur.io.text import Table, TextFile, read_table
+from rsdeblur.io.source import Source, Table, read_table
 from tests._util.files import zipped
 from tests.installed import needs
 
@@ -243,13 +243,9 @@ FORMS: dict[str, Callable[[np.random.Generator], str]] = {
 }
 
 
-def parse(content: str) -> TextFile:
-    return TextFile.parse(Path("log.csv"), content.encode(), "log")
-
-
 def two_columns(content: str) -> Table:
-    parsed = parse(content)
-    return read_table(parsed, parsed.rows, [0, 1])
+    source = Source("log.csv", "log", content.encode())
+    return read_table(source, source.rows, [0, 1])
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -295,6 +291,6 @@ def test_whole_timestamps_fill_int64() -> None:
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 def test_lines_are_those_of_the_text(end: str, encoding: str) -> None:
     lines = ["# a", "1,2", "", " ", "\t# b", " 3,4", "\u3000", "\u3000\u00b5", "\x1c", "#", "5,6", "\x1c7"]
-    parsed = TextFile.parse(Path("log.csv"), end.join(lines).encode(encoding), "log")
+    parsed = Source("log.csv", "log", end.join(lines).encode(encoding))
     assert parsed.lines == lines
     assert parsed.rows.tolist() == [i for i, line in enumerate(lines) if line.strip() and line.strip()[0] != "#"]

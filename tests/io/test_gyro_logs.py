@@ -9,7 +9,7 @@ import pytest
 
 from rsdeblur import Camera, FileFormatError, InputError, RsdeblurWarning, read_gyro
 from rsdeblur.io import open_gyro, read_acceleration
-from rsdeblur.io.gyro_logs import detect_gyro_format, formats
+from rsdeblur.io.gyro_logs import FORMATS, detect_gyro_format
 from rsdeblur.io.samples import GYRO
 from rsdeblur.motion import AccelerationLog
 from rsdeblur.motion.axes import imu_to_camera
@@ -145,7 +145,7 @@ def test_scales_of_gcsv(write: Write, content: str, first: int, step: int, rates
     np.testing.assert_array_equal(log.omega[0], rates)
 
 
-@pytest.mark.parametrize("name", [*(each.name for each in formats(GYRO)), "eurok"])
+@pytest.mark.parametrize("name", [*(each.name for each in FORMATS[GYRO]), "eurok"])
 def test_a_forced_format_that_does_not_fit_is_refused(write: Write, name: str) -> None:
     with pytest.raises(FileFormatError, match=r"log\.csv"):
         read_gyro(write("no,gyro\nlog,at\nall,either\n"), format=name)
