@@ -174,9 +174,9 @@ class LatentPrior(Protocol):
         """
 
 
-def check_prior(prior: LatentPrior) -> LatentPrior:
+def check_prior(prior: LatentPrior | None) -> LatentPrior:
     """Return `prior`, as a solver's caller gives it; raise `InputError` if it is no instance of a class of priors."""
-    if isinstance(prior, type) or not hasattr(prior, "restore"):
+    if prior is None or isinstance(prior, type) or not hasattr(prior, "restore"):
         raise InputError(f"prior must be a DerivativePrior or a PlugAndPlayPrior, got {validate.shown(prior)}")
     return prior
 

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,6 +80,7 @@ class TileFilter:
             border=border,
             threads=threads,
         )
+        self._team = self._hybrid.team
         tiles = bank.kernels[..., 0, 0].size
         validate.memory(
             f"the filters of {tiles} tiles of {self._strips.length}x{self._bands.length} px",
@@ -104,16 +103,6 @@ class TileFilter:
         height, width, *channels = self.shape
         return height, width, channels[0] if channels else 1
 
-    @property
-    def threads(self) -> int:
-        """Number of threads that share the work."""
-        return self._hybrid.team.threads
-
-    @property
-    def lock(self) -> AbstractContextManager[Any]:
-        """Re-entrant lock. A thread holds it while it works on a picture."""
-        return self._hybrid.team.lock
-
     def _apply(
         self,
         filters: ComplexArray,
@@ -130,7 +119,7 @@ class TileFilter:
             spectral.multiply(slabs, filters[strip, block, bands])
 
         source, target = picture.reshape(self._channelled), out.reshape(self._channelled)
-        with self._hybrid.team.turn():
+        with self._team.turn():
             self._pass(source, target, multiply, progress=progress)
         return out
 
@@ -143,7 +132,7 @@ class TileFilter:
         progress: Callable[[float], None] | None = None,
     ) -> None:
         """Filter `source` into `target`, strip by strip; None is a picture of zeros, and `target` may be `source`."""
-        with self.lock:
+        with self._team.lock:
             if len(self._strips.tiles) > 1 and source is not None and np.shares_memory(source, target):
                 source = source.copy()
             if not self._hybrid.filter(source, target, lambda strip: partial(change, strip), progress=progress):
@@ -189,10 +178,10 @@ class TileFilter:
 
         tiles = out.shape[0] * out.shape[2]
         if tiles > 1:
-            self._hybrid.team.share(plan, range(tiles))
+            self._team.share(plan, range(tiles))
             return
         spectrum = self._planners[0].rows(bank, gains, 0, first)
-        self._hybrid.team.share(lambda thread, part: fill(thread, 0, 0, spectrum, part), parts)
+        self._team.share(lambda thread, part: fill(thread, 0, 0, spectrum, part), parts)
 
 
 @one_line("shape", "nsr", "_kernel_size")
@@ -318,7 +307,7 @@ class TileBlur(TileFilter):
 
     def adjoint(self, picture: ArrayLike) -> NDArray[np.float32]:
         """Return a picture of the planned shape with its light sent back along the paths."""
-        with self.lock:
+        with self._team.lock:
             if self._conjugates is None:
                 self._conjugates = self._filters.conj()
             return self._apply(self._conjugates, picture, None, None)

@@ -71,7 +71,7 @@ def test_global_is_the_equation(blurred: np.ndarray, beta: float, coupling: tupl
     target = np.random.default_rng(4).normal(0, 0.1, (2, H, W, 3))
     grad_adjoint = grad_adjoint_of(*target)
     own = solver()
-    own.prepare(blurred)
+    own._observe(0, blurred)
     y, x = np.fft.fftfreq(H)[:, None, None], np.fft.fftfreq(W)[:, None]
     picture, slope, _ = coupling
     differences = picture + slope * (4 * np.sin(np.pi * y) ** 2 + 4 * np.sin(np.pi * x) ** 2)
@@ -102,7 +102,7 @@ def test_the_splitting_descends(blurred: np.ndarray, kind: str, exponent: float)
     prior, weight = DerivativePrior(kind, 0.002, exponent), 0.002
     coupling, penalty = KINDS[kind].coupling, gradient_penalty if kind == "tv" else derivatives_penalty
     own = solver(nsr=0.0)
-    own.prepare(blurred)
+    own._observe(0, blurred)
 
     def objective(picture: np.ndarray) -> float:
         return float(((blur(picture) - blurred) ** 2).sum() + weight * penalty(picture, exponent))
@@ -149,7 +149,7 @@ def test_gradients_that_all_vanish_stop_nothing() -> None:
     result = restore(solver(), noise, prior="hyper-laplacian", weight=0.001, progress=fractions.append)
     assert len(fractions) > 2
     first = solver()
-    first.prepare(noise)
+    first._observe(0, noise)
     # The first solve alone amplifies the noise.
     assert result.std() < first.solve(0.001 * PENALTIES[0]).std() / 2
 
