@@ -112,33 +112,29 @@ class Hybrid:
         change: Callable[[int], Filter],
         *,
         progress: Callable[[float], None] | None = None,
-    ) -> bool:
+    ) -> None:
         """Filter a picture (H, W, C), or zeros if it is None, strip by strip; `change` returns the filter of a strip.
 
         `out` receives the blend of all tiles, and may be `picture` if there is one strip. If it is None, only the
-        filters have effects. Return False if the picture is not finite; `out` is then unfinished. To check it here
-        costs no further pass over it.
+        filters have effects.
         """
         count = len(self.strips.tiles)
         for strip in range(count):
-            if not self._change_rows(picture, out, strip):
-                return False
+            self._change_rows(picture, out, strip)
             if progress is not None and strip:
                 progress(strip / count)
             self._filter_columns(change(strip), blank=picture is None, write=out is not None)
         self._change_rows(None, out, count)
         if progress is not None:
             progress(1.0)
-        return True
 
-    def _change_rows(self, picture: Float32Array | None, out: Float32Array | None, strip: int) -> bool:
+    def _change_rows(self, picture: Float32Array | None, out: Float32Array | None, strip: int) -> None:
         """Transform the rows of the strip before back into `out`, then those of `strip` into :attr:`spectra`.
 
-        Return whether all values that were read are finite. Both in one pass find the spectra in the cache.
+        Both in one pass find the spectra in the cache.
         """
-        finite = [True]
         if picture is None and (out is None or strip == 0):
-            return True
+            return
 
         def block(thread: int, top: int) -> None:
             worker, rows = self._workers[thread].rows, min(self._block, self.height - top)
@@ -147,12 +143,10 @@ class Hybrid:
                 self._blend(worker.real, top, rows, strip - 1, out)
             if picture is not None:
                 start = self.strips.tiles[strip].start
-                if not lines.picture_to_lines(picture, top, rows, start, self._strip_fade, self._periodic, worker.real):
-                    finite[0] = False
+                lines.picture_to_lines(picture, top, rows, start, self._strip_fade, self._periodic, worker.real)
                 worker.forward(top)
 
         self.team.share(block, range(0, self.height, self._block))
-        return finite[0]
 
     def _blend(self, restored: Float32Array, top: int, rows: int, strip: int, out: Float32Array) -> None:
         """Blend a block of restored rows into `out` where a strip contributes.

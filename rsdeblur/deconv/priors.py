@@ -33,7 +33,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.threads import share, thread_count
 from rsdeblur.choices import DERIVATIVE_PRIORS, EXPONENT, Prior
 from rsdeblur.errors import InputError
-from rsdeblur.kernels.shrink import TERMS, extrapolate, shrunk_derivatives_adjoint, shrunk_grad_adjoint, workspace
+from rsdeblur.kernels.shrink import TERMS, shrunk_derivatives_adjoint, shrunk_grad_adjoint, workspace
 from rsdeblur.types import Float32Array, FloatImage
 
 # What users meet; the site describes these.
@@ -341,8 +341,10 @@ def _extrapolate(before: FloatImage, after: FloatImage, ahead: np.float32, threa
     squares = np.zeros((len(tops), 2))
 
     def block(_: int, n: int) -> None:
-        rows = slice(tops[n], tops[n] + tops.step)
-        squares[n] = extrapolate(before[rows], after[rows], ahead)
+        old, new = (picture[tops[n] : tops[n] + tops.step] for picture in (before, after))
+        step = new - old
+        squares[n] = np.square(step).sum(), np.square(new).sum()
+        np.add(new, np.multiply(step, ahead, out=step), out=old)
 
     share(block, range(len(tops)), threads)
     change, norm = squares.sum(axis=0)

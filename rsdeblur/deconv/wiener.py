@@ -135,8 +135,7 @@ class TileFilter:
         with self._team.lock:
             if len(self._strips.tiles) > 1 and source is not None and np.shares_memory(source, target):
                 source = source.copy()
-            if not self._hybrid.filter(source, target, lambda strip: partial(change, strip), progress=progress):
-                raise InputError("image must be finite")
+            self._hybrid.filter(source, target, lambda strip: partial(change, strip), progress=progress)
 
     def _new_filters(self, strips: int | None = None) -> ComplexArray:
         """Return memory for one filter per tile, shape (S, blocks of columns, B, COLUMNS, L): in the order of a pass.
@@ -152,21 +151,16 @@ class TileFilter:
         self,
         bank: PsfBank,
         out: ComplexArray,
-        put: Callable[[ComplexArray, int, int, ComplexArray], None] | None = None,
+        change: Callable[[ComplexArray], None] = lambda _: None,
         *,
         first: int = 0,
     ) -> None:
-        """Fill `out` with the OTFs of the tiles of the strips from `first` on.
-
-        Or call `put` with columns of each, and the block, the band and the part of `out` that they or the like are for.
-        """
+        """Fill `out` with the OTFs of the tiles of the strips from `first` on; `change` may change their columns."""
         parts, gains = range(0, self._hybrid.frequencies, otf.COLUMNS), self._planners[0].gains(bank)
 
         def fill(thread: int, s: int, b: int, spectrum: ComplexArray, part: int) -> None:
             otfs = self._planners[thread].columns(spectrum, gains, part)
-            if put is not None:
-                put(otfs, part // COLUMNS, b, out[s])
-                return
+            change(otfs)
             blocks = out[s, part // COLUMNS : (part + otf.COLUMNS) // COLUMNS, b]
             blocks[...] = otfs.reshape(-1, COLUMNS, otfs.shape[1])[: len(blocks)]
 
@@ -242,10 +236,12 @@ class Deconvolver(TileFilter):
         self._filters = self._new_filters()
         ratio, scale = np.float32(self.nsr), np.float32((1.0 + self.nsr) * self._scale)
 
-        def put(otfs: ComplexArray, block: int, band: int, out: ComplexArray) -> None:
-            spectral.invert(otfs.view(np.float32), ratio, scale, block, band, out.view(np.float32))
+        def invert(otfs: ComplexArray) -> None:
+            gains = scale / (np.square(otfs.real) + np.square(otfs.imag) + ratio)
+            otfs.real *= gains
+            otfs.imag *= -gains
 
-        self._fill_otfs(bank, self._filters, put)
+        self._fill_otfs(bank, self._filters, invert)
 
     def apply(
         self,

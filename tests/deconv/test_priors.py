@@ -6,7 +6,16 @@ from scipy import ndimage
 
 from rsdeblur import PsfBank, scene
 from rsdeblur.deconv import DerivativePrior, TileQuadratic
-from rsdeblur.deconv.priors import KINDS, PENALTIES, TO_GRADIENT, TO_PICTURE, brightness, shrinkage, threshold
+from rsdeblur.deconv.priors import (
+    KINDS,
+    PENALTIES,
+    TO_GRADIENT,
+    TO_PICTURE,
+    _extrapolate,
+    brightness,
+    shrinkage,
+    threshold,
+)
 from rsdeblur.kernels.shrink import gradient
 
 H, W = 90, 122
@@ -160,3 +169,12 @@ def test_the_peak_is_that_of_the_picture(blurred: np.ndarray) -> None:
     np.testing.assert_array_equal(solver().apply(dim, prior=prior), solver().apply(dim, prior=bright))
     full = DerivativePrior("hyper-laplacian", 0.01, peak=1.0)
     assert np.abs(solver().apply(dim, prior=prior) - solver().apply(dim, prior=full)).max() > 1e-3
+
+
+def test_a_step_ahead_of_a_straight_line_stays_on_it() -> None:
+    step = np.arange(3 * W * H, dtype=np.float32).reshape(H, W, 3) / (W * H)
+    first, second = np.ones_like(step), 1 + step
+    change = _extrapolate(first, second, np.float32(0.5), threads=2)
+    # Rounding of float32.
+    np.testing.assert_allclose(first, 1 + 1.5 * step, rtol=1e-6)
+    assert change == pytest.approx(np.linalg.norm(step) / np.linalg.norm(second), rel=1e-5)
