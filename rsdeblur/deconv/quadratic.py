@@ -121,7 +121,7 @@ class TileNormal(TileFilter, SceneSolver):
 
         It is called as ``minimise(block, signal, power, slabs)``. What slabs hold counts only if something `pulls`.
         """
-        weights, pull = np.array(coupling.weights(beta), np.float32), np.float32(beta if pulls else 0.0)
+        weights, pull = np.multiply(beta, coupling).astype(np.float32), np.float32(beta if pulls else 0.0)
         nsr, scale = np.float32(self.nsr), np.float32(self._scale)
 
         def minimise(block: int, signal: ComplexArray, power: Float32Array, slabs: ComplexArray) -> None:

@@ -23,7 +23,7 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, Border
 from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, LatentPrior
-from rsdeblur.deconv.rowwise_blur import ROWS, RowSpectra, latent_rows, strip_blurs
+from rsdeblur.deconv.rowwise_blur import RowSpectra, latent_rows, strip_blurs
 from rsdeblur.deconv.scene import SceneSolver
 from rsdeblur.deconv.tiling import Tile, Tiling
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
@@ -131,7 +131,9 @@ class RowSolver(SceneSolver):
                     report(1.0)
             else:
                 latent = prior.restore(self, threads=self._team.threads, progress=report)
-                self._place(latent, out, tile, add=several)
+                first, count = tile.first - tile.start, len(tile.weights)
+                shown = latent[-self.top : len(out) - self.top, first : first + count]
+                out[:, tile.first : tile.first + count] += tile.weights[:, None] * shown
         del self._rows
         return out
 
@@ -154,19 +156,6 @@ class RowSolver(SceneSolver):
         out = np.empty((self._latent.shape[2], length, self._spectra.channels), np.float32) if out is None else out
         self._spectra.unload(self._latent, 0, out, Tile(0, 0, np.ones(length, dtype=np.float32)))
         return out
-
-    def _place(self, latent: Float32Array, target: Float32Array, tile: Tile, *, add: bool) -> None:
-        """Write a strip's latent picture (L, N, C) to `target` (H, W, C), or add it, where `tile` contributes."""
-        columns, weights = slice(tile.first, tile.first + len(tile.weights)), tile.weights[:, None]
-        shown = slice(tile.first - tile.start, tile.first - tile.start + len(weights))
-        source = latent[-self.top : len(target) - self.top, shown]
-
-        def block(_: int, top: int) -> None:
-            rows = slice(top, top + ROWS)
-            part = weights * source[rows]
-            target[rows, columns] = target[rows, columns] + part if add else part
-
-        self._team.share(block, range(0, len(target), ROWS))
 
     def _solve(self, beta: float, coupling: Coupling, *, pull: bool, edges: bool) -> None:
         """Minimise for all frequencies of the strip, and leave the result in the latent spectra.

@@ -67,7 +67,11 @@ class TileFilter:
         self.shape = validate.shape(shape)
         validate.choice("border", border, BORDERS)
         height, width = self.shape[:2]
-        _check_fit(bank, height, width)
+        if bank.size[0] > height or bank.size[1] > width:
+            raise InputError(
+                f"the PSF of {bank.size[1]}x{bank.size[0]} px is larger than the picture of {width}x{height} px; "
+                "are the rates in rad/s, the focal length in px and the exposure in s?"
+            )
         tall, wide = (int(np.ceil(margin * kernel)) for kernel in bank.size)
         periodic = border == "periodic"
         self._bands = Tiling.plan(bank.rows, height, bank.size[0], tall, periodic=periodic, excess=BAND_EXCESS)
@@ -307,12 +311,3 @@ class TileBlur(TileFilter):
             if self._conjugates is None:
                 self._conjugates = self._filters.conj()
             return self._apply(self._conjugates, picture, None, None)
-
-
-def _check_fit(bank: PsfBank, height: int, width: int) -> None:
-    kernel_height, kernel_width = bank.size
-    if kernel_height > height or kernel_width > width:
-        raise InputError(
-            f"the PSF of {kernel_width}x{kernel_height} px is larger than the picture of {width}x{height} px; "
-            "are the rates in rad/s, the focal length in px and the exposure in s?"
-        )

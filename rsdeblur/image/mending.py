@@ -30,8 +30,7 @@ from rsdeblur.types import Float32Array, FloatArray, FloatImage
 # least in px: the waves of a wrong motion are some tenths of the PSF wide.
 SPREAD, LEAST_SPREAD = 0.15, 1.5
 # Light below black, as a share of the recorded light, from which only the blurred picture is left; the share of the
-# picture's bright parts that is added to the recorded light, so that noise in black places is no evidence; and the
-# weight that counts as 0.
+# bright parts that is added to the latter, so that noise in black places is no evidence; and the weight that is 0.
 MOST, DARK, LEAST = 1 / 8, 0.01, 0.02
 # Side of the window around a pixel that the photo's range is taken over, in lengths of the PSF: light of the pixel went
 # half a PSF far, and as far again reaches what came from there.
@@ -142,7 +141,7 @@ def _below_black(sharp: FloatImage, step: int, threads: int | None) -> NDArray[n
 
 
 class UndershootMeter:
-    """Measurement, chunk by chunk, of the light below black that deblurring adds to a picture of so many rows."""
+    """Measurement of the light below black that deblurring adds, chunk by chunk; a picture has `height` rows."""
 
     def __init__(self, height: int) -> None:
         # Every eighth row is measured, or at least 64 rows.

@@ -64,8 +64,6 @@ UNCLIPPED, MOST_CLIPPED, MOST_EVEN = (0.0005, 0.98), 0.02, 0.5
 HALF_ROWS = 16
 # Error of the paths that is assumed, px, and the number of frequencies that this assumption counts for.
 ASSUMED, WEIGHT = 0.06, 100.0
-# Steps of the fit of noise and errors.
-STEPS = 80
 # A camera that denoises leaves more noise on coarse scales. Ring of frequencies that is compared with the finest,
 # cycles/px. White noise has at most the first ratio of amplitudes there, also in a JPEG; a photo with the second one is
 # processed (`python -m benchmarks.noise`).
@@ -88,10 +86,9 @@ def periodograms(tiles: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def noise_between(power: NDArray[np.float32], low: float, high: float) -> NDArray[np.float32]:
-    """Return the power of white noise in each tile: the least of several directions in a ring of frequencies.
+    """Return the power of white noise in each tile: the least of all directions between two frequencies, cycles/px.
 
-    A scene and a blur have a direction, noise has none. Noise of the picture's average does not do: a likelihood needs
-    the noise of each tile, in the units of its periodogram. `low` and `high` bound the ring, cycles/px.
+    A scene and a blur have a direction, noise has none.
     """
     ring = (low < RADIUS) & (high > RADIUS)
     white = power / np.maximum(GRADIENT, 1e-9)
@@ -198,17 +195,13 @@ class TilePeriodograms:
 def noise_level(light: FloatImage) -> float:
     """Estimate the standard deviation of the noise: the root mean square over a picture (H, W, C) and its channels.
 
-    Noise that is even in encoded values, or comes from photons, is stronger in bright light, and none is left where the
-    picture is clipped. So each block has its own estimate, from the median magnitude of its second differences along
-    both axes (Donoho and Johnstone, Biometrika 81, 1994; Immerkaer, Computer Vision and Image Understanding 64, 1996),
-    and the squares are averaged.
-
-    Demosaicing, denoising and JPEG remove noise from the finest scale first, so the picture at half its size is
-    estimated, too. There detail passes for noise: the estimate is up to twice too high in pictures with little blur. So
-    half of it is used, where that is larger. It is 0 for a picture of less than 3 x 3 px.
+    Noise depends on brightness, so each block has its own estimate, from the median magnitude of its second differences
+    along both axes (Donoho and Johnstone, Biometrika 81, 1994; Immerkaer, Computer Vision and Image Understanding 64,
+    1996), and the squares are averaged. It is 0 for a picture of less than 3 x 3 px.
     """
-    # Half of the estimate at half the size, times 2, because an average of four pixels has half the noise.
-    return max(_blockwise(light), 0.5 * 2.0 * _blockwise(halved(light)))
+    # Demosaicing, denoising and JPEG remove the finest noise first, so the picture at half its size counts, too. An
+    # average of four pixels has half the noise; but detail passes for noise there, up to as much again.
+    return max(_blockwise(light), _blockwise(halved(light)))
 
 
 def overall_noise(octaves: ArrayLike) -> float:
@@ -230,10 +223,9 @@ def noise_spectrum(octaves: ArrayLike, side: int) -> FloatArray:
 
 
 def gradient_energy(light: FloatImage) -> float:
-    """Return the mean squared gradient of a picture (H, W, C) at half its size, noise included.
+    """Return the mean squared gradient of a picture (H, W, C) at half its size, where noise has less weight.
 
     Both directions and all channels are added up; the last column has no difference across, and the last row none down.
-    At half the size noise has four times less weight than at full size.
     """
     if min(light.shape[:2]) < 2:  # too narrow to be halved
         return sum(float(np.square(part).sum(axis=2).mean()) for part in gradient(light, periodic=False))
@@ -272,17 +264,11 @@ def _blockwise(light: FloatImage) -> float:
 
 
 class Floors(NamedTuple):
-    """Noise of a picture and error of its PSFs.
+    """Noise of a picture and error of its PSFs."""
 
-    `octave_noise` is the standard deviation in each of the octaves of :data:`OCTAVES`, in the units of
-    the picture; white noise has the same in all. `path_error` is the mean square of the errors of the paths, px^2; it
-    is too low, because the powers of the scene absorb a part. `processed` says how clearly the noise has the colour
-    that denoising leaves, from 0 (white) to 1.
-    """
-
-    octave_noise: tuple[float, ...]
-    path_error: float
-    processed: float = 0.0
+    octave_noise: tuple[float, ...]  # standard deviation in each of the octaves, in the units of the picture
+    path_error: float  # mean square, px^2; too low, because the powers of the scene absorb a part
+    processed: float = 0.0  # how clearly the noise has the colour that denoising leaves, from 0 (white) to 1
 
 
 def measure_floors(light: FloatImage, bank: PsfBank) -> Floors | None:
@@ -374,7 +360,7 @@ def _fit_floors(
     # Most frequencies contain little of the scene. At first, half of the noise is in proportion to light.
     even = np.full(len(octaves), np.quantile(measured, 0.2) / 2)
     bright, squared, start = even / light.mean(), ASSUMED**2, ASSUMED**2
-    for _ in range(STEPS):
+    for _ in range(80):
         floors = (even + bright * light).take(octave_of, axis=1)
         fit_cells(measured, blurred, scene, cells, floors, squared, gains, sums)
         ups, downs = np.add.reduceat(sums[:2], octaves, axis=2)
