@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,22 +18,15 @@ from rsdeblur.choices import Border
 from rsdeblur.deconv.hybrid import COLUMNS
 from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, LatentPrior, check_prior
 from rsdeblur.deconv.scene import SceneSolver
-from rsdeblur.deconv.wiener import LEAST_MARGIN, LEAST_NSR, TileFilter, decay_margin
+from rsdeblur.deconv.wiener import LEAST_MARGIN, LEAST_NSR, StripFilter, TileFilter, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.spectral import add_normal, solve_normal
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, Float32Array, FloatImage
 
-
-class NormalSums(NamedTuple):
-    """What pictures contribute to the normal equations of all tiles; each block of columns has a place of its own."""
-
-    signal: ComplexArray  # sum of conj(H) G, (S, blocks, B, C, COLUMNS, L)
-    power: Float32Array  # sum of |H|^2, (S, blocks, B, COLUMNS, L)
-
-
-# Function of a block of columns, its parts of the sums, and slabs that it changes.
-Minimise = Callable[[int, ComplexArray, Float32Array, ComplexArray], None]
+# What pictures contribute to the normal equations of all tiles, each block of columns at its own place: the sums of
+# conj(H) G, (S, blocks, B, C, COLUMNS, L), and of |H|^2, (S, blocks, B, COLUMNS, L).
+NormalSums = tuple[ComplexArray, Float32Array]
 
 
 class TileNormal(TileFilter, SceneSolver):
@@ -72,11 +64,8 @@ class TileNormal(TileFilter, SceneSolver):
         self._sums: NormalSums | None = None
         # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
         self._across, self._down = (
-            (4 * np.sin(np.pi * np.arange(count) / length) ** 2).astype(np.float32)
-            for count, length in (
-                (self._hybrid.blocks * COLUMNS, self._strips.length),
-                (self._bands.length, self._bands.length),
-            )
+            (4 * np.sin(np.pi * np.arange(count) / tiling.length) ** 2).astype(np.float32)
+            for count, tiling in ((self._hybrid.blocks * COLUMNS, self._strips), (self._bands.length, self._bands))
         )
         self._across = self._across.reshape(-1, COLUMNS)
 
@@ -95,42 +84,34 @@ class TileNormal(TileFilter, SceneSolver):
     ) -> FloatImage:
         """Return the minimiser for the observations; see :meth:`rsdeblur.deconv.priors.QuadraticSolver.solve`.
 
-        `InputError` is raised if `pull` is not finite, or no observation was set.
+        `InputError` is raised if no observation was set.
         """
         minimise = self._minimiser(beta, coupling, pulls=pull is not None)
         out = np.empty(self._channelled, dtype=np.float32) if out is None else out
         if self._waiting is not None and pull is None:
             # All priors begin without a pull. One pass instead of two, and equations that are still in the cache.
             self._add(minimise, out)
-            return out
-        if self._waiting is not None:
+        else:
             self._add()
-        if self._sums is None:
-            raise InputError("the solver holds no picture: a prior may solve while apply() restores one")
-        signal, power = self._sums
-
-        def restore(strip: int, _thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
-            place = strip, block, bands
-            minimise(block, signal[place], power[place], slabs)
-
-        self._pass(pull, out, restore)
+            self._pass(pull, out, minimise)
         return out
 
-    def _minimiser(self, beta: float, coupling: Coupling, *, pulls: bool) -> Minimise:
-        """Return a function that replaces the pull by the minimiser, in slabs of a block of columns.
-
-        It is called as ``minimise(block, signal, power, slabs)``. What slabs hold counts only if something `pulls`.
-        """
+    def _minimiser(self, beta: float, coupling: Coupling, *, pulls: bool) -> StripFilter:
+        """Return the filter that replaces the pull by the minimiser; without `pulls` it only writes."""
+        if self._sums is None:
+            raise InputError("the solver holds no picture: a prior may solve while apply() restores one")
+        signals, powers = self._sums
         weights, pull = np.multiply(beta, coupling).astype(np.float32), np.float32(beta if pulls else 0.0)
         nsr, scale = np.float32(self.nsr), np.float32(self._scale)
 
-        def minimise(block: int, signal: ComplexArray, power: Float32Array, slabs: ComplexArray) -> None:
+        def minimise(strip: int, _thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
+            signal, power = signals[strip, block, bands], powers[strip, block, bands]
             solve_normal(signal, power, self._across[block], self._down, nsr, weights, pull, scale, slabs)
 
         return minimise
 
     def _observe(self, frame: int, picture: FloatImage) -> None:
-        self._waiting = frame, picture
+        self._waiting, self._sums = (frame, picture), self._sums or self._new_sums()
         if frame + 1 < len(self._banks):
             self._add()
 
@@ -143,21 +124,21 @@ class TileNormal(TileFilter, SceneSolver):
         self._sums = self._waiting = None
         return latent
 
-    def _add(self, minimise: Minimise | None = None, out: FloatImage | None = None) -> None:
-        """Add what the frame that waits contributes; the first one starts the sums.
+    def _add(self, minimise: StripFilter | None = None, out: FloatImage | None = None) -> None:
+        """Add what the frame contributes that waits, if any; the first one starts the sums.
 
         With a function of :meth:`_minimiser`, the minimiser is written to `out` in the same pass.
         """
-        assert self._waiting is not None
+        if self._waiting is None or self._sums is None:
+            return
         (frame, picture), self._waiting = self._waiting, None
-        bank, share = self._banks[frame], np.float32(self._shares[frame])
-        sums = self._sums = self._sums or self._new_sums()
+        bank, share, (signals, powers) = self._banks[frame], np.float32(self._shares[frame]), self._sums
 
-        def add(strip: int, otfs: ComplexArray, _thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
-            signal, power = sums.signal[strip, block, bands], sums.power[strip, block, bands]
+        def add(strip: int, otfs: ComplexArray, thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
+            signal, power = signals[strip, block, bands], powers[strip, block, bands]
             add_normal(slabs, otfs[block, bands], share, frame == 0, signal, power)
             if minimise is not None:
-                minimise(block, signal, power, slabs)
+                minimise(strip, thread, block, bands, slabs)
 
         self._hybrid.filter(picture, out, lambda strip: partial(add, strip, self._strip_otfs(bank, strip)))
 
@@ -171,10 +152,8 @@ class TileNormal(TileFilter, SceneSolver):
         """Return memory for sums, not initialised."""
         _, blocks, bands, columns, length = self._otfs.shape
         places = len(self._strips.tiles), blocks, bands
-        return NormalSums(
-            empty((*places, self._channelled[2], columns, length), np.complex64),
-            empty((*places, columns, length), np.float32),
-        )
+        signal = empty((*places, self._channelled[2], columns, length), np.complex64)
+        return signal, empty((*places, columns, length), np.float32)
 
 
 @one_line("shape", "nsr", "_kernel_size")

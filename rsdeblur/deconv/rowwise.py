@@ -28,7 +28,7 @@ from rsdeblur.deconv.scene import SceneSolver
 from rsdeblur.deconv.tiling import Tile, Tiling
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
-from rsdeblur.kernels import native, rowwise
+from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import LANES
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.types import Float32Array, FloatImage
@@ -212,11 +212,7 @@ class RowSolver(SceneSolver):
 
         With one frame that gains nothing: reading it takes as long as computing it, because the blur is in the cache.
         """
-        return (
-            native is not None
-            and len(self._factors) > 1
-            and (block + 1) * 4 * self._assembled_sizes[strip] <= ASSEMBLED_BYTES
-        )
+        return len(self._factors) > 1 and (block + 1) * 4 * self._assembled_sizes[strip] <= ASSEMBLED_BYTES
 
     def _assembled(
         self, strip: int, block: int, expected: Float32Array | None, workspace: Float32Array
@@ -243,7 +239,9 @@ class RowSolver(SceneSolver):
         left = np.exp(-2 * (np.pi * EDGE_ROWS * frequency) ** 2).astype(np.float32)
         if left[0] < LEAST_EXPECTED or (block > 0 and not edges):
             return None
-        data = self._average(self._data[block])
+        factors, (channels, rows, *lanes) = np.array(self._factors, np.float32), self._data[block].shape
+        frames = self._data[block].reshape(channels, rows // len(factors), len(factors), *lanes)
+        data = np.einsum("n,chnkl->chkl", factors, frames)
         mean = np.zeros_like(data[:, :1])
         if block == 0:
             mean[..., 0, 0] = data[:, :, 0, 0].mean(axis=1, keepdims=True)
@@ -257,16 +255,6 @@ class RowSolver(SceneSolver):
         expected[:, : len(above)] += (above * first[:, None])[:, : expected.shape[1]]
         expected[:, ::-1][:, : len(below)] += (below * last[:, None])[:, : expected.shape[1]]
         return expected
-
-    def _average(self, data: Float32Array) -> Float32Array:
-        """Return the average of the frames in one block, shape (C, H, 2, 16)."""
-        frames = len(self._factors)
-        if frames == 1:
-            return data
-        mean = np.zeros_like(data[:, ::frames])
-        for i, factor in enumerate(self._factors):
-            mean += np.float32(factor) * data[:, i::frames]
-        return mean
 
 
 def _report(progress: Callable[[float], None], part: int, parts: int, fraction: float) -> None:

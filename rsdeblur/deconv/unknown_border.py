@@ -79,16 +79,14 @@ class UnknownBorderQuadratic(TileQuadratic):
         """Return the minimiser after the values beyond the frame were improved; see :meth:`TileQuadratic.solve`."""
         if self._waiting is not None:
             self._filled[...] = self._waiting[1]
-            self._add()
+        self._add()
         (height, width), minimise = self.recorded, self._minimiser(beta, coupling, pulls=pull is not None)
 
-        def blur(strip: int, _thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
-            place, sums = (strip, block, bands), self._sums
-            assert sums is not None, "_add() has set them"
-            minimise(block, sums.signal[place], sums.power[place], slabs)
-            spectral.multiply(slabs, self._every_otf[place])
+        def blur(strip: int, thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
+            minimise(strip, thread, block, bands, slabs)
+            spectral.multiply(slabs, self._every_otf[strip, block, bands])
 
-        for step in STEPS if self._sums is not None else ():
+        for step in STEPS:
             self._pass(pull, self._blurred, blur)
             change = np.float32(step) * (self._blurred - self._filled)
             change[:height, :width] = 0

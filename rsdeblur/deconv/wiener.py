@@ -27,10 +27,8 @@ from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, FloatImage
 
 # Margins of tiles, in PSF sizes: by how much a tile is longer than the part that it contributes. Priors on derivatives
-# need the least one, because their last steps restore less where the OTF is small. The margin is a fade
-# between the two ends of the tile. The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of
-# K / (2 pi sqrt(Phi)), so a margin of 0.2 K / sqrt(Phi) is some 1.3 decay lengths. What smaller margins cost:
-# docs/developer/decisions.md.
+# need the least one. The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of
+# K / (2 pi sqrt(Phi)), so a margin of 0.2 K / sqrt(Phi) is some 1.3 decay lengths (docs/developer/decisions.md).
 DECAY_MARGIN = 0.2
 LEAST_MARGIN = 1.5
 # Least `nsr`. OTFs of up to 1 have rounding errors of some 1e-7, so that a filter with a gain beyond 1 / (2 sqrt(nsr)),

@@ -287,10 +287,8 @@ class ReadoutFrame:
 
 
 def upright(light: FloatImage, camera: Camera, scale: float) -> NDArray[np.float32]:
-    """Return a picture as stored (H, W), reduced by a factor, smoothed against aliases, and with the readout along y.
-
-    It is as by `skimage.transform.resize`, which takes 0.14 s to import.
-    """
+    """Return a picture as stored (H, W), reduced as by `skimage.transform.resize`, and with the readout along y."""
+    # scikit-image takes 0.14 s to import.
     small = camera.scaled(scale)
     shape = small.height, small.width
     if light.shape != shape:

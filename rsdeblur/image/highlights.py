@@ -7,10 +7,9 @@ which are estimated on their own, and a remainder without highlights, which is s
     g = A l + remainder,    restored = l + solved(remainder).
 
 Highlights are never negative, and they lie only where the light of clipped pixels can have come from: in boxes around
-these pixels, outside of which the picture does not change. The Richardson-Lucy iteration keeps both properties. A
-clipped pixel demands no more than to be at least as bright as it is recorded (Whyte et al., IJCV 110, 2014). The
-iteration is accelerated as by Biggs and Andrews (Applied Optics 36, 1997). Pixels that highlights spoil are filled in
-from their surroundings.
+these pixels, outside of which the picture does not change. The Richardson-Lucy iteration, accelerated as by Biggs and
+Andrews (Applied Optics 36, 1997), keeps both properties. A clipped pixel demands no more than to be at least as bright
+as it is recorded (Whyte et al., IJCV 110, 2014). Pixels that highlights spoil are filled in from their surroundings.
 """
 
 from __future__ import annotations

@@ -151,6 +151,6 @@ solve: Callable[..., None] = unpacked(native.rowwise_solve) if native else solve
 # `normal`, floats of a size that `assembled_size` returns, with A^H A; `solve_assembled` takes it and a right-hand side
 # in `latent`.
 assembled_size: Callable[[RowModel, Float32Array, int], int]
-assembled_size = unpacked(native.rowwise_assembled_size) if native else lambda *_: 0
+assembled_size = unpacked(native.rowwise_assembled_size) if native else lambda *_: 1 << 62  # never kept
 assemble: Callable[..., None] = unpacked(native.rowwise_assemble) if native else _missing
 solve_assembled: Callable[..., None] = unpacked(native.rowwise_solve_assembled) if native else _missing

@@ -64,9 +64,8 @@ UNCLIPPED, MOST_CLIPPED, MOST_EVEN = (0.0005, 0.98), 0.02, 0.5
 HALF_ROWS = 16
 # Error of the paths that is assumed, px, and the number of frequencies that this assumption counts for.
 ASSUMED, WEIGHT = 0.06, 100.0
-# A camera that denoises leaves more noise on coarse scales. Ring of frequencies that is compared with the finest,
-# cycles/px. White noise has at most the first ratio of amplitudes there, also in a JPEG; a photo with the second one is
-# processed (`python -m benchmarks.noise`).
+# A camera that denoises leaves more noise on coarse scales. Ring of frequencies compared with the finest, cycles/px.
+# White noise has at most the first ratio of amplitudes, a processed photo the second (`python -m benchmarks.noise`).
 COARSE, PROCESSED = (0.125, 0.177), (1.5, 2.5)
 
 
@@ -155,11 +154,7 @@ class TilePeriodograms:
         self._scene = scene.astype(np.float32).flat[self._used]
 
     def _colour(self) -> NDArray[np.float32]:
-        """Return the power of the noise at all frequencies, as multiples of white noise.
-
-        In each ring, the direction with the least power contains the least of the scene, and quiet tiles contain
-        hardly anything else.
-        """
+        """Return the power of the noise at all frequencies, as multiples of white noise: that of quiet directions."""
         relative = self.power / self.noise
         ring, direction = np.digitize(RADIUS, RINGS).flat[self._used], DIRECTION.flat[self._used]
         multiples = np.ones(len(RINGS) + 2)
@@ -181,10 +176,7 @@ class TilePeriodograms:
     def fit(
         self, expected: NDArray[np.float32], place: NDArray[np.intp], *, threads: int | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return nats, gains and levels of the noise of all tiles, see :func:`rsdeblur.kernels.whittle.fit_gains`.
-
-        `expected` is the power at K places, `place` the index of each tile's.
-        """
+        """Return nats, gains and levels, see :func:`rsdeblur.kernels.whittle.fit_gains`, under :meth:`tiles_under`."""
         return whittle.fit_gains(self.tiles_under(expected, place), self._levels, STIFFNESS, threads=threads)
 
     def tiles_under(self, expected: NDArray[np.float32], place: NDArray[np.intp]) -> whittle.Tiles:
