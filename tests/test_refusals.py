@@ -17,7 +17,6 @@ import pytest
 import rsdeblur as rs
 from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, Options, PsfBank, Translation, deconv
 from rsdeblur.deconv import DerivativePrior, TileQuadratic
-from rsdeblur.deconv.burst import BurstQuadratic
 from rsdeblur.io import Picture
 from rsdeblur.motion import AccelerationLog, BlurPaths, Capture, Trajectory
 from rsdeblur.motion.paths import burst_captures
@@ -145,10 +144,7 @@ SOLVERS: list[tuple[str, Call]] = [
     ("holds no picture", lambda: TileQuadratic(BANK, SHAPE).solve(1.0)),
     *((words, partial(TileQuadratic(BANK, SHAPE).apply, image, prior=DerivativePrior("tv", 0.01))) for words, image in (
         ("planned shape", GREY[1:]), ("finite", spoilt(math.inf)), ("linear light", GREY.astype(np.uint8)))),
-    ("sum to 1", lambda: BurstQuadratic([BANK, BANK], [0.5, 0.6], SHAPE)),
-    ("share for each", lambda: BurstQuadratic([BANK], [0.5, 0.5], SHAPE)),
-    ("same places", lambda: BurstQuadratic([BANK, impulses(9, 36)], [0.5, 0.5], SHAPE)),
-    ("planned for 1", lambda: BurstQuadratic([BANK], [1.0], SHAPE).apply([GREY, GREY])),
+    ("prior must be a DerivativePrior", lambda: TileQuadratic(BANK, SHAPE).apply(GREY)),
     ("picture must not have values beyond", lambda: blur().adjoint(np.full(SHAPE, 1e300))),
     ("latent must be finite", lambda: blur().forward(np.full(blur().latent_shape, np.nan))),
     ("at most 2000000000 values", lambda: deconv.RowBlur(PATHS, 10**9)),

@@ -12,9 +12,10 @@ from rsdeblur._util.threads import share_map
 from rsdeblur.burst.alignment import AlignedBurst, combined
 from rsdeblur.burst.frames import BurstFrame
 from rsdeblur.choices import EXPONENT
-from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.chroma import Solve
 from rsdeblur.deconv.priors import brightness
+from rsdeblur.deconv.quadratic import TileNormal
+from rsdeblur.deconv.rowwise import RowSolver
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.motion.alignment import paths_between
 from rsdeblur.pipeline.memory import least_memory
@@ -105,23 +106,23 @@ class BurstSolution(PictureSolver):
         # Free its memory before the next solver is planned.
         del alone
         banks = [bank.cut(chunk.source, slice(0, light.shape[1])) for bank in self.banks]
-        return self._planned(chunk, banks, light.shape).apply(
+        return self._planned(chunk, banks, light.shape).combine(
             self._lights(chunk, banks, light, single),
             prior=self.latent_prior,
             progress=lambda share: progress((1 + 2 * share) / 3),
         )
 
-    def _planned(self, chunk: Chunk, banks: Sequence[PsfBank], shape: tuple[int, ...]) -> BurstQuadratic | RowBurst:
+    def _planned(self, chunk: Chunk, banks: Sequence[PsfBank], shape: tuple[int, ...]) -> TileNormal | RowSolver:
         """Plan the solver of all frames together."""
         engine = self.engine
         if self.options.mode_in_effect != "rowwise":
-            return BurstQuadratic(banks, self.shares, shape, wiener=self.strengths.weight is None, **engine)
+            return TileNormal(banks, self.shares, shape, wiener=self.strengths.weight is None, **engine)
         every_row = share_map(
             lambda frame: paths_between(frame.capture, frame.reference, chunk.source, chunk.bank.cols),
             self.frames,
             self.options.threads,
         )
-        return RowBurst(every_row, self.shares, shape, reach=chunk.bank.size[1] // 2, **engine)
+        return RowSolver(every_row, self.shares, shape, reach=chunk.bank.size[1] // 2, **engine)
 
     def _lights(
         self, chunk: Chunk, banks: Sequence[PsfBank], light: FloatImage, single: FloatImage

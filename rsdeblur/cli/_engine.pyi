@@ -19,10 +19,10 @@ from rsdeblur.calibration.photos import calibrate_photos as calibrate_photos
 from rsdeblur.cli._desk import Desk as Desk
 from rsdeblur.estimate.time_offset import OffsetSearch as OffsetSearch
 from rsdeblur.estimate.time_offset import find_time_offset as find_time_offset
-from rsdeblur.image.encoded import as_float as as_float
 from rsdeblur.image.encoded import check_size as check_size
 from rsdeblur.image.encoded import display_values as display_values
 from rsdeblur.image.encoded import warn_of_encoded_floats as warn_of_encoded_floats
+from rsdeblur.image.transfer import as_float as as_float
 from rsdeblur.image.transfer import from_linear as from_linear
 from rsdeblur.image.transfer import to_linear as to_linear
 from rsdeblur.io import open_camera as open_camera

@@ -3,8 +3,7 @@
 The eye sees detail in brightness, and most cameras measure it there: a sensor has one colour per pixel, and JPEG and
 video halve the colours' resolution. So the brightness is restored at full size, the picture itself at half size, and
 the colours follow the brightness (:mod:`rsdeblur.kernels.chroma`). With a prior on derivatives this takes about three
-quarters of the time of three full planes. The result is as sharp: the brightness has less noise than its parts, and the
-colours get their edges from it. (docs/developer/decisions.md)
+quarters of the time of three full planes, and the result is as sharp (docs/developer/decisions.md).
 """
 
 from __future__ import annotations

@@ -15,8 +15,7 @@ Blocks are independent, so threads share them, and any number of threads gives t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -25,9 +24,9 @@ from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import ThreadTeam
 from rsdeblur.choices import Border
 from rsdeblur.deconv.fft import LineTransform, RowTransform
-from rsdeblur.deconv.tiling import Tile, Tiling, fade
+from rsdeblur.deconv.tiling import Tiling, fade
 from rsdeblur.kernels import lines, spectral
-from rsdeblur.types import ComplexArray, Float32Array, Int32Array
+from rsdeblur.types import ComplexArray, Float32Array
 
 # Columns per block: two cache lines of complex values. A slab holds one band of a block of columns; so many bytes of
 # slabs are transformed together.
@@ -38,26 +37,6 @@ SLAB_BYTES = 400_000
 # Called as ``filter(thread, block, bands, slabs)`` with the numbers of the calling thread and of the block of columns.
 # Changes the slabs (B, C, COLUMNS, L) in place: spectra of these columns in the B bands, zero without a picture.
 Filter = Callable[[int, int, slice, ComplexArray], None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Group:
-    """Some bands that are filtered together, as the kernels need them."""
-
-    bands: slice  # the B bands
-    starts: Int32Array  # first position that each band reads (B,)
-    weights: Float32Array  # of each band where it contributes (B, W); those that fill up a row are zero
-    spans: Int32Array  # first of these positions in the picture, first one in the band, and their number (B, 3)
-
-    @classmethod
-    def of(cls, first: int, tiles: Sequence[Tile]) -> _Group:
-        """Return the group of `tiles`, the bands from `first` on."""
-        weights = np.zeros((len(tiles), max(len(tile.weights) for tile in tiles)), np.float32)
-        for row, tile in zip(weights, tiles, strict=True):
-            row[: len(tile.weights)] = tile.weights
-        starts = np.array([tile.start for tile in tiles], np.int32)
-        spans = np.array([(tile.first, tile.first - tile.start, len(tile.weights)) for tile in tiles], np.int32)
-        return cls(slice(first, first + len(tiles)), starts, weights, spans)
 
 
 class Hybrid:
@@ -86,7 +65,16 @@ class Hybrid:
         slab_bytes = self.channels * COLUMNS * bands.length * np.dtype(np.complex64).itemsize
         self.together = max(1, min(len(bands.tiles), SLAB_BYTES // slab_bytes))
         firsts = range(0, len(bands.tiles), self.together)
-        self._groups = [_Group.of(first, bands.tiles[first : first + self.together]) for first in firsts]
+        # Bands that are filtered together.
+        self._groups = [slice(first, first + self.together) for first in firsts]
+        # Of each band: the first position that it reads; where it contributes, the first position in the picture and in
+        # the band, and their number; and its weights there, with zeros that fill up the row.
+        self._starts = np.array([tile.start for tile in bands.tiles], np.int32)
+        spans = [(tile.first, tile.first - tile.start, len(tile.weights)) for tile in bands.tiles]
+        self._spans = np.array(spans, np.int32)
+        self._weights = np.zeros((len(spans), self._spans[:, 2].max()), np.float32)
+        for row, tile in zip(self._weights, bands.tiles, strict=True):
+            row[: len(tile.weights)] = tile.weights
         padded_height = -(-self.height // self._block) * self._block
         # The 8 columns more make the number of cache lines in a row odd: with rows a multiple of 4096 bytes apart, all
         # would share cache sets.
@@ -112,33 +100,29 @@ class Hybrid:
         change: Callable[[int], Filter],
         *,
         progress: Callable[[float], None] | None = None,
-    ) -> bool:
+    ) -> None:
         """Filter a picture (H, W, C), or zeros if it is None, strip by strip; `change` returns the filter of a strip.
 
         `out` receives the blend of all tiles, and may be `picture` if there is one strip. If it is None, only the
-        filters have effects. Return False if the picture is not finite; `out` is then unfinished. To check it here
-        costs no further pass over it.
+        filters have effects.
         """
         count = len(self.strips.tiles)
         for strip in range(count):
-            if not self._change_rows(picture, out, strip):
-                return False
+            self._change_rows(picture, out, strip)
             if progress is not None and strip:
                 progress(strip / count)
             self._filter_columns(change(strip), blank=picture is None, write=out is not None)
         self._change_rows(None, out, count)
         if progress is not None:
             progress(1.0)
-        return True
 
-    def _change_rows(self, picture: Float32Array | None, out: Float32Array | None, strip: int) -> bool:
+    def _change_rows(self, picture: Float32Array | None, out: Float32Array | None, strip: int) -> None:
         """Transform the rows of the strip before back into `out`, then those of `strip` into :attr:`spectra`.
 
-        Return whether all values that were read are finite. Both in one pass find the spectra in the cache.
+        Both in one pass find the spectra in the cache.
         """
-        finite = [True]
         if picture is None and (out is None or strip == 0):
-            return True
+            return
 
         def block(thread: int, top: int) -> None:
             worker, rows = self._workers[thread].rows, min(self._block, self.height - top)
@@ -147,12 +131,10 @@ class Hybrid:
                 self._blend(worker.real, top, rows, strip - 1, out)
             if picture is not None:
                 start = self.strips.tiles[strip].start
-                if not lines.picture_to_lines(picture, top, rows, start, self._strip_fade, self._periodic, worker.real):
-                    finite[0] = False
+                lines.picture_to_lines(picture, top, rows, start, self._strip_fade, self._periodic, worker.real)
                 worker.forward(top)
 
         self.team.share(block, range(0, self.height, self._block))
-        return finite[0]
 
     def _blend(self, restored: Float32Array, top: int, rows: int, strip: int, out: Float32Array) -> None:
         """Blend a block of restored rows into `out` where a strip contributes.
@@ -177,18 +159,19 @@ class Hybrid:
                 lines.rows_to_columns(self.spectra, n * COLUMNS, self.height, columns)
             if not single:
                 blended.fill(0)
-            for group in self._groups:
-                slabs, spectra = worker.slabs.lines[: len(group.starts)], worker.slabs.spectra[: len(group.starts)]
+            for bands in self._groups:
+                starts = self._starts[bands]
+                slabs, spectra = worker.slabs.lines[: len(starts)], worker.slabs.spectra[: len(starts)]
                 if blank:
                     spectra.fill(0)
                 else:
-                    lines.cut_lines(columns, self.height, group.starts, self._band_fade, self._periodic, slabs)
+                    lines.cut_lines(columns, self.height, starts, self._band_fade, self._periodic, slabs)
                     worker.slabs.forward()
-                change(thread, n, group.bands, spectra)
+                change(thread, n, bands, spectra)
                 if write:
                     worker.slabs.inverse()
                     if not single:
-                        spectral.blend(blended, slabs, group.weights, group.spans)
+                        spectral.blend(blended, slabs, self._weights[bands], self._spans[bands])
             if write:
                 lines.columns_to_rows(blended, self.spectra, n * COLUMNS, self.height)
 

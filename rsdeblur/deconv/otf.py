@@ -7,7 +7,7 @@ the path on pixels, times that of the softness, a Gaussian. It is computed at th
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +21,10 @@ from rsdeblur.types import ComplexArray, Float32Array
 COLUMNS = 64
 
 
-class Gains(NamedTuple):
-    """Factors on the frequencies of OTFs of paths; all threads that compute columns of one OTF use the same ones."""
-
-    # Each is there twice, for real and imaginary parts: NumPy would make complex numbers of them for complex ones.
-    down: Float32Array  # along y (2 L,); half for the highest frequency of an even number, which has either sign
-    across: Float32Array  # along x (2 (W // 2 + 1),)
+# Factors on the frequencies of OTFs of paths along y (2 L,) and x (2 (W // 2 + 1),), which threads share. Each is there
+# twice, for real and imaginary parts: NumPy would make complex numbers of them for complex ones. The highest frequency
+# of an even number has either sign, so its factor along y is half.
+Gains = tuple[Float32Array, Float32Array]
 
 
 class OtfPlanner:
@@ -56,7 +54,7 @@ class OtfPlanner:
         )
         if len(down) % 2 == 0:
             down[len(down) // 2] /= 2
-        return Gains(np.repeat(down, 2), np.repeat(across, 2))
+        return np.repeat(down, 2), np.repeat(across, 2)
 
     def rows(self, bank: PsfBank, gains: Gains | None, band: int, strip: int) -> ComplexArray:
         """Return the row spectra of a kernel of `bank`, or of its path; the next call overwrites them."""
@@ -74,7 +72,7 @@ class OtfPlanner:
             # The highest frequency has either sign, so that its phase is cos(pi x).
             spectrum.imag[:, -1] = 0
         parts = spectrum.view(np.float32)
-        parts *= gains.across
+        parts *= gains[1]
         return spectrum
 
     def _row_spectra(self, grid: NDArray[np.floating], factor: float, *, drawn: bool) -> ComplexArray:
@@ -112,7 +110,7 @@ class OtfPlanner:
         if split == half:
             lowest[:, half] += spectra[:, half]
         parts = lowest.view(np.float32)
-        parts *= gains.down
+        parts *= gains[0]
         return lowest
 
     def whole(self, bank: PsfBank, band: int, strip: int) -> ComplexArray:

@@ -30,10 +30,10 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from rsdeblur._util import validate
-from rsdeblur._util.threads import share, thread_count
+from rsdeblur._util.threads import share
 from rsdeblur.choices import DERIVATIVE_PRIORS, EXPONENT, Prior
 from rsdeblur.errors import InputError
-from rsdeblur.kernels.shrink import TERMS, extrapolate, shrunk_derivatives_adjoint, shrunk_grad_adjoint, workspace
+from rsdeblur.kernels.shrink import TERMS, shrunk_derivatives_adjoint, shrunk_grad_adjoint, workspace
 from rsdeblur.types import Float32Array, FloatImage
 
 # What users meet; the site describes these.
@@ -61,19 +61,14 @@ class Coupling(NamedTuple):
     gradient: float
     bend: float
 
-    def weights(self, beta: float) -> tuple[np.float32, np.float32, np.float32]:
-        """Return the weights for the strength `beta`."""
-        return np.float32(beta * self.picture), np.float32(beta * self.gradient), np.float32(beta * self.bend)
-
     def response(self, squared: Float32Array) -> Float32Array:
         """Return the term's factor at frequencies at which `|D|^2` has the values `squared`."""
-        picture, gradient, bend = self.weights(1.0)
+        picture, gradient, bend = np.array(self, np.float32)
         response: Float32Array = picture + squared * (gradient + squared * bend)
         return response
 
 
-# The target is a picture, a gradient, or the derivatives of kernels.shrink.shrunk_derivatives_adjoint: half of |D u|^2,
-# and half of a quarter of |D^T D u|^2, which contains the mixed derivative.
+# The target is a picture, a gradient, or the derivatives of kernels.shrink.shrunk_derivatives_adjoint.
 TO_PICTURE = Coupling(1.0, 0.0, 0.0)
 TO_GRADIENT = Coupling(0.0, 1.0, 0.0)
 TO_DERIVATIVES = Coupling(0.0, 0.5, 0.125)
@@ -110,9 +105,8 @@ class QuadraticSolver(Protocol):
 
         |A u - g|^2 + nsr |u|^2 + beta sum_k a_k |D_k u - w_k|^2
 
-    for targets w_k of the picture itself, of its gradient or of its derivatives of first and second order
-    (`Coupling`). Differences are zero across the last row and column or, if `periodic`, wrap
-    around.
+    for targets w_k of the picture itself, of its gradient or of its derivatives of first and second order (`Coupling`).
+    Differences are zero across the last row and column or, if `periodic`, wrap around.
     """
 
     @property
@@ -174,9 +168,9 @@ class LatentPrior(Protocol):
         """
 
 
-def check_prior(prior: LatentPrior) -> LatentPrior:
+def check_prior(prior: LatentPrior | None) -> LatentPrior:
     """Return `prior`, as a solver's caller gives it; raise `InputError` if it is no instance of a class of priors."""
-    if isinstance(prior, type) or not hasattr(prior, "restore"):
+    if prior is None or isinstance(prior, type) or not hasattr(prior, "restore"):
         raise InputError(f"prior must be a DerivativePrior or a PlugAndPlayPrior, got {validate.shown(prior)}")
     return prior
 
@@ -280,16 +274,24 @@ class DerivativePrior:
         """
         # Derivatives are proportional to the peak, so the largest one that vanishes must be, too.
         kind, exponent = KINDS[self.kind], KINDS[self.kind].power(self.exponent)
-        assert kind.shrink is not None, "restore() solves it at once"
+        kernel = kind.shrink
+        assert kernel is not None, "restore() solves it at once"
         weight, peak = self.weight, max(1.0 if self.peak is None else self.peak, LEAST_PEAK)
         penalties = [min(penalty * peak ** (exponent - 2.0), MOST_STRENGTH / weight) for penalty in penalties]
         latent = guess = solver.solve(weight * penalties[0], None, kind.coupling)
-        polynomial, pull = shrinkage(exponent), np.empty_like(latent)
-        workspaces = [workspace(latent) for _ in range(min(thread_count(threads), len(_blocks(latent))))]
+        polynomial, pull, tops = shrinkage(exponent), np.empty_like(latent), _blocks(latent)
+
+        def shrink(picture: FloatImage, vanishing: np.float32) -> None:
+            def block(_: int, top: int) -> None:
+                rows, memory = min(tops.step, len(picture) - top), workspace(picture)
+                kernel(picture, top, rows, vanishing, polynomial, solver.periodic, memory, pull)
+
+            share(block, tops, threads)
+
         for penalty in penalties:
             # In units of (weight / beta)^(1 / (2 - p)) the shrinkage has no parameter but p.
             vanishing = np.float32(threshold(exponent) * penalty ** (-1.0 / (2.0 - exponent)))
-            _shrink(guess, kind.shrink, (vanishing, polynomial, solver.periodic), workspaces, pull)
+            shrink(guess, vanishing)
             out = None if guess is latent else guess
             before, latent = latent, solver.solve(weight * penalty, pull, kind.coupling, out=out)
             change, guess = _extrapolate(before, latent, np.float32(ahead), threads), before
@@ -315,22 +317,6 @@ def brightness(image: FloatImage) -> float:
     return value
 
 
-def _shrink(
-    latent: FloatImage,
-    kernel: Callable[..., None],
-    arguments: tuple[np.float32, Float32Array, bool],
-    workspaces: Sequence[Float32Array],
-    pull: FloatImage,
-) -> None:
-    """Fill `pull` with that of the shrunk derivatives of `latent`; a thread per workspace shares blocks of rows."""
-
-    def block(thread: int, top: int) -> None:
-        kernel(latent, top, min(tops.step, len(latent) - top), *arguments, workspaces[thread], pull)
-
-    tops = _blocks(latent)
-    share(block, tops, len(workspaces))
-
-
 def _extrapolate(before: FloatImage, after: FloatImage, ahead: np.float32, threads: int | None) -> float:
     """Replace `before` by `after + ahead (after - before)`; threads share blocks of rows.
 
@@ -341,8 +327,10 @@ def _extrapolate(before: FloatImage, after: FloatImage, ahead: np.float32, threa
     squares = np.zeros((len(tops), 2))
 
     def block(_: int, n: int) -> None:
-        rows = slice(tops[n], tops[n] + tops.step)
-        squares[n] = extrapolate(before[rows], after[rows], ahead)
+        old, new = (picture[tops[n] : tops[n] + tops.step] for picture in (before, after))
+        step = new - old
+        squares[n] = np.square(step).sum(), np.square(new).sum()
+        np.add(new, np.multiply(step, ahead, out=step), out=old)
 
     share(block, range(len(tops)), threads)
     change, norm = squares.sum(axis=0)

@@ -16,19 +16,19 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.memory import empty
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, Border
-from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, LatentPrior, check_prior
-from rsdeblur.deconv.rowwise_blur import ROWS, RowSpectra, latent_rows, strip_blurs
+from rsdeblur.deconv.priors import TO_GRADIENT, Coupling, LatentPrior
+from rsdeblur.deconv.rowwise_blur import RowSpectra, latent_rows, strip_blurs
+from rsdeblur.deconv.scene import SceneSolver
 from rsdeblur.deconv.tiling import Tile, Tiling
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
-from rsdeblur.kernels import native, rowwise
+from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import LANES
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.types import Float32Array, FloatImage
@@ -52,7 +52,7 @@ ASSEMBLED_BYTES = 64 << 20
 Kept = dict[int, tuple[Float32Array, Float32Array]]
 
 
-class RowSolver:
+class RowSolver(SceneSolver):
     """Base of the rowwise solvers: minimises `sum_i a_i |A_i u - g_i|^2 + nsr |u - m|^2` for the frames of one scene.
 
     Frames and their blurs are multiplied by the roots of the shares a_i, which sum to 1. Of N frames, row y of frame i
@@ -72,10 +72,10 @@ class RowSolver:
         shares: Sequence[float],
         shape: tuple[int, ...],
         *,
-        nsr: float = 0.01,
-        reach: int = 0,
-        border: Border = "blend",
-        threads: int | None = None,
+        nsr: float,
+        reach: int,
+        border: Border,
+        threads: int | None,
     ) -> None:
         self.shape = validate.shape(shape)
         self.nsr = max(validate.strength("nsr", nsr), LEAST_NSR)
@@ -97,40 +97,45 @@ class RowSolver:
         self._strips = strip_blurs(frames, self._factors, self.top, latents, threads)
         channels = self.shape[2] if len(self.shape) == 3 else 1
         self._spectra = RowSpectra(channels, self._tiling.length, threads=threads)
+        self._team = self._spectra.team
         self._data, self._latent = self._spectra.empty(len(frames) * height), self._spectra.empty(latents)
         blocks = range(self._spectra.blocks)
         self._tables = [[strip.table(b, self._spectra.length) for b in blocks] for strip in self._strips]
         floats = max(strip.workspace_size(solve=True) for strip in self._strips)
-        self._workspaces: list[Float32Array] = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
+        self._workspaces: list[Float32Array] = [empty((floats,), np.float32) for _ in range(self._team.threads)]
         # The strip that is solved, and what the steps of a prior have in common.
         self._strip, self._kept = 0, Kept()
         # Floats of the assembled normal matrix of each strip.
         self._assembled_sizes = [rowwise.assembled_size(s.model, s.table(0, 1), s.rows) for s in self._strips]
 
-    def _restore(
-        self,
-        source: FloatImage,
-        target: FloatImage,
-        prior: LatentPrior | None,
-        progress: Callable[[float], None] | None,
-    ) -> None:
-        """Deblur `source`, the rows of all frames (N H, W, C), into `target` (H, W, C), which is other memory."""
-        strips = len(self._strips)
-        if strips > 1:
-            target[...] = 0
-        with self._spectra.team.turn():
-            for s, tile in enumerate(self._tiling.tiles):
-                report = None if progress is None else partial(_report, progress, s, strips)
-                self._strip, self._kept = s, {}
-                self._spectra.load(source, self._data, start=tile.start, taper=self._tiling.taper, periodic=self._wraps)
-                if prior is None:
-                    self._solve(0.0, TO_GRADIENT, pull=False, edges=True)
-                    self._spectra.unload(self._latent, -self.top, target, tile, add=strips > 1)
-                    if report is not None:
-                        report(1.0)
-                else:
-                    latent = prior.restore(self, threads=self._spectra.team.threads, progress=report)
-                    self._place(latent, target, tile, add=strips > 1)
+    def _observe(self, frame: int, picture: FloatImage) -> None:
+        frames, (height, width, channels) = len(self._factors), picture.shape
+        if frames == 1:
+            self._rows = picture
+            return
+        if frame == 0:
+            self._rows = np.empty((height * frames, width, channels), dtype=np.float32)
+        np.multiply(picture, np.float32(self._factors[frame]), out=self._rows[frame::frames])
+
+    def _restored(self, prior: LatentPrior | None, progress: Callable[[float], None] | None) -> FloatImage:
+        strips, several = len(self._strips), len(self._strips) > 1
+        out = np.zeros((*self.shape[:2], self._spectra.channels), dtype=np.float32)
+        for s, tile in enumerate(self._tiling.tiles):
+            report = None if progress is None else partial(_report, progress, s, strips)
+            self._strip, self._kept = s, {}
+            self._spectra.load(self._rows, self._data, start=tile.start, taper=self._tiling.taper, periodic=self._wraps)
+            if prior is None:
+                self._solve(0.0, TO_GRADIENT, pull=False, edges=True)
+                self._spectra.unload(self._latent, -self.top, out, tile, add=several)
+                if report is not None:
+                    report(1.0)
+            else:
+                latent = prior.restore(self, threads=self._team.threads, progress=report)
+                first, count = tile.first - tile.start, len(tile.weights)
+                shown = latent[-self.top : len(out) - self.top, first : first + count]
+                out[:, tile.first : tile.first + count] += tile.weights[:, None] * shown
+        del self._rows
+        return out
 
     def solve(
         self,
@@ -151,19 +156,6 @@ class RowSolver:
         out = np.empty((self._latent.shape[2], length, self._spectra.channels), np.float32) if out is None else out
         self._spectra.unload(self._latent, 0, out, Tile(0, 0, np.ones(length, dtype=np.float32)))
         return out
-
-    def _place(self, latent: Float32Array, target: Float32Array, tile: Tile, *, add: bool) -> None:
-        """Write a strip's latent picture (L, N, C) to `target` (H, W, C), or add it, where `tile` contributes."""
-        columns, weights = slice(tile.first, tile.first + len(tile.weights)), tile.weights[:, None]
-        shown = slice(tile.first - tile.start, tile.first - tile.start + len(weights))
-        source = latent[-self.top : len(target) - self.top, shown]
-
-        def block(_: int, top: int) -> None:
-            rows = slice(top, top + ROWS)
-            part = weights * source[rows]
-            target[rows, columns] = target[rows, columns] + part if add else part
-
-        self._spectra.team.share(block, range(0, len(target), ROWS))
 
     def _solve(self, beta: float, coupling: Coupling, *, pull: bool, edges: bool) -> None:
         """Minimise for all frequencies of the strip, and leave the result in the latent spectra.
@@ -201,7 +193,7 @@ class RowSolver:
             if expected is not None:
                 latent += expected
 
-        self._spectra.team.share(block, range(self._spectra.blocks))
+        self._team.share(block, range(self._spectra.blocks))
 
     def _penalty(self, beta: float, coupling: Coupling) -> Float32Array:
         """Return the weights (blocks, 3, 16) of `|u - m|^2`, `|D u|^2` and `|D^T D u|^2`, D along y, per frequency.
@@ -220,11 +212,7 @@ class RowSolver:
 
         With one frame that gains nothing: reading it takes as long as computing it, because the blur is in the cache.
         """
-        return (
-            native is not None
-            and len(self._factors) > 1
-            and (block + 1) * 4 * self._assembled_sizes[strip] <= ASSEMBLED_BYTES
-        )
+        return len(self._factors) > 1 and (block + 1) * 4 * self._assembled_sizes[strip] <= ASSEMBLED_BYTES
 
     def _assembled(
         self, strip: int, block: int, expected: Float32Array | None, workspace: Float32Array
@@ -251,7 +239,9 @@ class RowSolver:
         left = np.exp(-2 * (np.pi * EDGE_ROWS * frequency) ** 2).astype(np.float32)
         if left[0] < LEAST_EXPECTED or (block > 0 and not edges):
             return None
-        data = self._average(self._data[block])
+        factors, (channels, rows, *lanes) = np.array(self._factors, np.float32), self._data[block].shape
+        frames = self._data[block].reshape(channels, rows // len(factors), len(factors), *lanes)
+        data = np.einsum("n,chnkl->chkl", factors, frames)
         mean = np.zeros_like(data[:, :1])
         if block == 0:
             mean[..., 0, 0] = data[:, :, 0, 0].mean(axis=1, keepdims=True)
@@ -265,16 +255,6 @@ class RowSolver:
         expected[:, : len(above)] += (above * first[:, None])[:, : expected.shape[1]]
         expected[:, ::-1][:, : len(below)] += (below * last[:, None])[:, : expected.shape[1]]
         return expected
-
-    def _average(self, data: Float32Array) -> Float32Array:
-        """Return the average of the frames in one block, shape (C, H, 2, 16)."""
-        frames = len(self._factors)
-        if frames == 1:
-            return data
-        mean = np.zeros_like(data[:, ::frames])
-        for i, factor in enumerate(self._factors):
-            mean += np.float32(factor) * data[:, i::frames]
-        return mean
 
 
 def _report(progress: Callable[[float], None], part: int, parts: int, fraction: float) -> None:
@@ -346,55 +326,4 @@ class RowDeconvolver(RowSolver):
     ) -> None:
         validate.instance("paths", paths, BlurPaths)
         reach = validate.count("reach", reach, minimum=0)
-        super().__init__(
-            *([paths], [1.0], shape),
-            nsr=nsr,
-            reach=reach,
-            border=border,
-            threads=threads,
-        )
-
-    def apply(
-        self,
-        image: ArrayLike,
-        out: NDArray[np.float32] | None = None,
-        *,
-        prior: LatentPrior | None = None,
-        progress: Callable[[float], None] | None = None,
-    ) -> NDArray[np.float32]:
-        """Deblur one picture.
-
-        Parameters
-        ----------
-        image : array_like of the planned shape
-            Linear light, floats; converted to float32.
-        out : ndarray, float32, optional
-            Receives the result; may be `image` itself.
-        prior : DerivativePrior or PlugAndPlayPrior, optional
-            Assumption about the sharp picture; without it the result is that of the Wiener filter.
-        progress : callable, optional
-            Called with the finished fraction after each strip and, with a prior, after each solve.
-
-        Returns
-        -------
-        ndarray, float32
-            `out`, or a new array; not clipped.
-
-        Raises
-        ------
-        InputError
-            If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
-            :func:`rsdeblur.image.transfer.to_linear` converts them.
-        """
-        if prior is not None:
-            check_prior(prior)
-        validate.callback("progress", progress)
-        picture = validate.linear_light(image, self.shape)
-        out = validate.output(out, self.shape)
-        source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
-        prior = None if prior is None else prior.with_peak_of(picture)
-        # Strips are added up in `out`, so it cannot be the source as well.
-        if len(self._strips) > 1 and np.shares_memory(source, target):
-            source = source.copy()
-        self._restore(source, target, prior, progress)
-        return out
+        super().__init__([paths], [1.0], shape, nsr=nsr, reach=reach, border=border, threads=threads)

@@ -165,8 +165,8 @@ class RowBlur:
     Raises
     ------
     InputError
-        If `paths` do not belong to the rows 0, 1, 2 and so on and to columns that increase, or a count is not a
-        positive whole number.
+        If `paths` do not belong to the rows 0, 1, 2 and so on and to columns that increase, a count is not a positive
+        whole number, or a picture has another shape, or a value that is not finite or beyond 1e12.
 
     Examples
     --------
@@ -205,11 +205,6 @@ class RowBlur:
         Returns
         -------
         ndarray, shape (H, W, C) or (H, W), float32
-
-        Raises
-        ------
-        InputError
-            If `latent` has another shape, or a value is not finite or beyond 1e12.
         """
         source = self._checked("latent", latent, self.latent_shape)
         out = np.zeros(self.picture_shape, dtype=np.float32)
@@ -232,11 +227,6 @@ class RowBlur:
         Returns
         -------
         ndarray, shape (L, W, C) or (L, W), float32
-
-        Raises
-        ------
-        InputError
-            If `picture` has another shape, or a value is not finite or beyond 1e12.
         """
         source = self._checked("picture", picture, self.picture_shape)
         out = np.zeros(self.latent_shape, dtype=np.float32)

@@ -79,13 +79,12 @@ class Tiling:
         # A margin may be larger than any picture; fast_length would search as far.
         length = whole if longest + margin >= whole else fast_length(longest + margin, excess=excess)
         if len(centres) == 1 or length >= whole:
-            tiles = tuple(Tile(0, int(s[0]), _part(w, s)) for w, s in zip(weights, supports, strict=True))
-            return cls(whole, whole - n, tiles)
-        tiles = tuple(
-            Tile(int(s[0]) - (longest - len(s)) // 2, int(s[0]), _part(w, s))
-            for w, s in zip(weights, supports, strict=True)
-        )
-        return cls(length, length - longest, tiles)
+            length, longest, starts = whole, n, [0] * len(centres)
+        else:
+            starts = [int(s[0]) - (longest - len(s)) // 2 for s in supports]
+        parts = (w[s[0] : s[-1] + 1].astype(np.float32) for w, s in zip(weights, supports, strict=True))
+        tiles = zip(starts, (int(s[0]) for s in supports), parts, strict=True)
+        return cls(length, length - longest, tuple(Tile(*each) for each in tiles))
 
 
 def fade(n: int) -> NDArray[np.float32]:
@@ -104,9 +103,3 @@ def hat_weights(centres: FloatArray, n: int) -> FloatArray:
     """
     positions = np.arange(n)
     return np.stack([np.interp(positions, centres, unit) for unit in np.eye(len(centres))])
-
-
-def _part(weights: FloatArray, support: NDArray[np.intp]) -> NDArray[np.float32]:
-    part = weights[support[0] : support[-1] + 1].astype(np.float32)
-    part.setflags(write=False)
-    return part

@@ -19,7 +19,6 @@ Richardson iteration, with steps of the lengths that Chebyshev polynomials give.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rsdeblur._util.one_line import one_line
 from rsdeblur.deconv.fft import fast_length
@@ -65,11 +64,6 @@ class UnknownBorderQuadratic(TileQuadratic):
         """Bytes that are kept for each frequency of a tile: the sums and the OTF."""
         return super()._bytes_per_frequency + 8
 
-    def prepare(self, image: ArrayLike) -> None:
-        """Set the observation; see :meth:`TileQuadratic.prepare`."""
-        super().prepare(image)
-        self._filled[...] = np.reshape(image, self._channelled)
-
     def _strip_otfs(self, bank: PsfBank, strip: int) -> ComplexArray:
         otfs: ComplexArray = self._every_otf[strip]
         return otfs
@@ -83,21 +77,22 @@ class UnknownBorderQuadratic(TileQuadratic):
         out: FloatImage | None = None,
     ) -> FloatImage:
         """Return the minimiser after the values beyond the frame were improved; see :meth:`TileQuadratic.solve`."""
-        if self._observed is not None:
-            self.prepare(self._observed[1].reshape(self.shape))
+        if self._waiting is not None:
+            self._filled[...] = self._waiting[1]
+        self._add()
         (height, width), minimise = self.recorded, self._minimiser(beta, coupling, pulls=pull is not None)
 
-        def blur(strip: int, _thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
-            place, sums = (strip, block, bands), self._sums
-            assert sums is not None, "prepare() has set them"
-            minimise(block, sums.signal[place], sums.power[place], slabs)
-            spectral.multiply(slabs, self._every_otf[place])
+        def blur(strip: int, thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
+            minimise(strip, thread, block, bands, slabs)
+            spectral.multiply(slabs, self._every_otf[strip, block, bands])
 
-        for step in STEPS if self._sums is not None else ():
+        for step in STEPS:
             self._pass(pull, self._blurred, blur)
             change = np.float32(step) * (self._blurred - self._filled)
             change[:height, :width] = 0
-            self.prepare((self._filled + change).reshape(self.shape))
+            self._filled += change
+            self._waiting = 0, self._filled
+            self._add()
         return super().solve(beta, pull, coupling, out=out)
 
 

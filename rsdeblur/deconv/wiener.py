@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,10 +27,8 @@ from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, FloatImage
 
 # Margins of tiles, in PSF sizes: by how much a tile is longer than the part that it contributes. Priors on derivatives
-# need the least one, because their last steps restore less where the OTF is small. The margin is a fade
-# between the two ends of the tile. The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of
-# K / (2 pi sqrt(Phi)), so a margin of 0.2 K / sqrt(Phi) is some 1.3 decay lengths. What smaller margins cost:
-# docs/developer/decisions.md.
+# need the least one. The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of
+# K / (2 pi sqrt(Phi)), so a margin of 0.2 K / sqrt(Phi) is some 1.3 decay lengths (docs/developer/decisions.md).
 DECAY_MARGIN = 0.2
 LEAST_MARGIN = 1.5
 # Least `nsr`. OTFs of up to 1 have rounding errors of some 1e-7, so that a filter with a gain beyond 1 / (2 sqrt(nsr)),
@@ -69,7 +65,11 @@ class TileFilter:
         self.shape = validate.shape(shape)
         validate.choice("border", border, BORDERS)
         height, width = self.shape[:2]
-        _check_fit(bank, height, width)
+        if bank.size[0] > height or bank.size[1] > width:
+            raise InputError(
+                f"the PSF of {bank.size[1]}x{bank.size[0]} px is larger than the picture of {width}x{height} px; "
+                "are the rates in rad/s, the focal length in px and the exposure in s?"
+            )
         tall, wide = (int(np.ceil(margin * kernel)) for kernel in bank.size)
         periodic = border == "periodic"
         self._bands = Tiling.plan(bank.rows, height, bank.size[0], tall, periodic=periodic, excess=BAND_EXCESS)
@@ -82,6 +82,7 @@ class TileFilter:
             border=border,
             threads=threads,
         )
+        self._team = self._hybrid.team
         tiles = bank.kernels[..., 0, 0].size
         validate.memory(
             f"the filters of {tiles} tiles of {self._strips.length}x{self._bands.length} px",
@@ -104,16 +105,6 @@ class TileFilter:
         height, width, *channels = self.shape
         return height, width, channels[0] if channels else 1
 
-    @property
-    def threads(self) -> int:
-        """Number of threads that share the work."""
-        return self._hybrid.team.threads
-
-    @property
-    def lock(self) -> AbstractContextManager[Any]:
-        """Re-entrant lock. A thread holds it while it works on a picture."""
-        return self._hybrid.team.lock
-
     def _apply(
         self,
         filters: ComplexArray,
@@ -130,7 +121,7 @@ class TileFilter:
             spectral.multiply(slabs, filters[strip, block, bands])
 
         source, target = picture.reshape(self._channelled), out.reshape(self._channelled)
-        with self._hybrid.team.turn():
+        with self._team.turn():
             self._pass(source, target, multiply, progress=progress)
         return out
 
@@ -143,11 +134,10 @@ class TileFilter:
         progress: Callable[[float], None] | None = None,
     ) -> None:
         """Filter `source` into `target`, strip by strip; None is a picture of zeros, and `target` may be `source`."""
-        with self.lock:
+        with self._team.lock:
             if len(self._strips.tiles) > 1 and source is not None and np.shares_memory(source, target):
                 source = source.copy()
-            if not self._hybrid.filter(source, target, lambda strip: partial(change, strip), progress=progress):
-                raise InputError("image must be finite")
+            self._hybrid.filter(source, target, lambda strip: partial(change, strip), progress=progress)
 
     def _new_filters(self, strips: int | None = None) -> ComplexArray:
         """Return memory for one filter per tile, shape (S, blocks of columns, B, COLUMNS, L): in the order of a pass.
@@ -163,21 +153,16 @@ class TileFilter:
         self,
         bank: PsfBank,
         out: ComplexArray,
-        put: Callable[[ComplexArray, int, int, ComplexArray], None] | None = None,
+        change: Callable[[ComplexArray], None] = lambda _: None,
         *,
         first: int = 0,
     ) -> None:
-        """Fill `out` with the OTFs of the tiles of the strips from `first` on.
-
-        Or call `put` with columns of each, and the block, the band and the part of `out` that they or the like are for.
-        """
+        """Fill `out` with the OTFs of the tiles of the strips from `first` on; `change` may change their columns."""
         parts, gains = range(0, self._hybrid.frequencies, otf.COLUMNS), self._planners[0].gains(bank)
 
         def fill(thread: int, s: int, b: int, spectrum: ComplexArray, part: int) -> None:
             otfs = self._planners[thread].columns(spectrum, gains, part)
-            if put is not None:
-                put(otfs, part // COLUMNS, b, out[s])
-                return
+            change(otfs)
             blocks = out[s, part // COLUMNS : (part + otf.COLUMNS) // COLUMNS, b]
             blocks[...] = otfs.reshape(-1, COLUMNS, otfs.shape[1])[: len(blocks)]
 
@@ -189,10 +174,10 @@ class TileFilter:
 
         tiles = out.shape[0] * out.shape[2]
         if tiles > 1:
-            self._hybrid.team.share(plan, range(tiles))
+            self._team.share(plan, range(tiles))
             return
         spectrum = self._planners[0].rows(bank, gains, 0, first)
-        self._hybrid.team.share(lambda thread, part: fill(thread, 0, 0, spectrum, part), parts)
+        self._team.share(lambda thread, part: fill(thread, 0, 0, spectrum, part), parts)
 
 
 @one_line("shape", "nsr", "_kernel_size")
@@ -253,10 +238,12 @@ class Deconvolver(TileFilter):
         self._filters = self._new_filters()
         ratio, scale = np.float32(self.nsr), np.float32((1.0 + self.nsr) * self._scale)
 
-        def put(otfs: ComplexArray, block: int, band: int, out: ComplexArray) -> None:
-            spectral.invert(otfs.view(np.float32), ratio, scale, block, band, out.view(np.float32))
+        def invert(otfs: ComplexArray) -> None:
+            gains = scale / (np.square(otfs.real) + np.square(otfs.imag) + ratio)
+            otfs.real *= gains
+            otfs.imag *= -gains
 
-        self._fill_otfs(bank, self._filters, put)
+        self._fill_otfs(bank, self._filters, invert)
 
     def apply(
         self,
@@ -318,16 +305,7 @@ class TileBlur(TileFilter):
 
     def adjoint(self, picture: ArrayLike) -> NDArray[np.float32]:
         """Return a picture of the planned shape with its light sent back along the paths."""
-        with self.lock:
+        with self._team.lock:
             if self._conjugates is None:
                 self._conjugates = self._filters.conj()
             return self._apply(self._conjugates, picture, None, None)
-
-
-def _check_fit(bank: PsfBank, height: int, width: int) -> None:
-    kernel_height, kernel_width = bank.size
-    if kernel_height > height or kernel_width > width:
-        raise InputError(
-            f"the PSF of {kernel_width}x{kernel_height} px is larger than the picture of {width}x{height} px; "
-            "are the rates in rad/s, the focal length in px and the exposure in s?"
-        )

@@ -20,7 +20,7 @@ from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import share
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError, RsdeblurWarning
-from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
+from rsdeblur.image.transfer import as_float, as_stored, from_linear, resolve_transfer, to_linear
 from rsdeblur.kernels.tone import look_up, to_srgb
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
@@ -124,7 +124,7 @@ class EncodedImage:
             out[there, :, :channels] = sharp
             if channels < out.shape[2]:
                 alpha = as_float(self.values[there, :, channels:])
-                out[there, :, channels:] = _as_stored(alpha.clip(0.0, 1.0) if clip else alpha, out.dtype)
+                out[there, :, channels:] = as_stored(alpha.clip(0.0, 1.0) if clip else alpha, out.dtype)
 
         share(encode_block, range(len(parts)), threads)
 
@@ -227,15 +227,6 @@ def _lookup(itemsize: int, transfer: Transfer) -> NDArray[np.float32]:
     return to_linear(as_float(values), transfer)
 
 
-def as_float(values: NDArray[Any]) -> NDArray[np.float32]:
-    """Return encoded values as float32, integers divided by their full scale."""
-    with np.errstate(over="ignore", invalid="ignore"):  # infinity, or a signalling NaN: refused
-        scaled = values.astype(np.float32)
-    if values.dtype.kind == "u":
-        scaled /= np.iinfo(values.dtype).max
-    return scaled
-
-
 def display_values(pixels: NDArray[Any], transfer: Transfer) -> NDArray[Any]:
     """Return values for display, integers divided by their full scale, clipped to [0, 1]; linear light becomes sRGB."""
     clipped = as_float(pixels).clip(0.0, 1.0)
@@ -253,14 +244,7 @@ def _stored(
     with np.errstate(over="ignore", invalid="ignore"):
         # One pass instead of the two of np.isfinite(values).all().
         is_finite = bool(np.isfinite(values.sum()))
-        return _as_stored(values.clip(0.0, 1.0) if clip else values, dtype), is_finite
-
-
-def _as_stored(values: NDArray[np.float32], dtype: np.dtype[Any]) -> NDArray[Any]:
-    if dtype.kind != "u":
-        return values
-    rounded: NDArray[Any] = np.rint(values * np.float32(np.iinfo(dtype).max)).astype(dtype)
-    return rounded
+        return as_stored(values.clip(0.0, 1.0) if clip else values, dtype), is_finite
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -303,10 +287,8 @@ class ReadoutFrame:
 
 
 def upright(light: FloatImage, camera: Camera, scale: float) -> NDArray[np.float32]:
-    """Return a picture as stored (H, W), reduced by a factor, smoothed against aliases, and with the readout along y.
-
-    It is as by `skimage.transform.resize`, which takes 0.14 s to import.
-    """
+    """Return a picture as stored (H, W), reduced as by `skimage.transform.resize`, and with the readout along y."""
+    # scikit-image takes 0.14 s to import.
     small = camera.scaled(scale)
     shape = small.height, small.width
     if light.shape != shape:

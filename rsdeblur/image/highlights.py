@@ -7,10 +7,9 @@ which are estimated on their own, and a remainder without highlights, which is s
     g = A l + remainder,    restored = l + solved(remainder).
 
 Highlights are never negative, and they lie only where the light of clipped pixels can have come from: in boxes around
-these pixels, outside of which the picture does not change. The Richardson-Lucy iteration keeps both properties. A
-clipped pixel demands no more than to be at least as bright as it is recorded (Whyte et al., IJCV 110, 2014). The
-iteration is accelerated as by Biggs and Andrews (Applied Optics 36, 1997). Pixels that highlights spoil are filled in
-from their surroundings.
+these pixels, outside of which the picture does not change. The Richardson-Lucy iteration, accelerated as by Biggs and
+Andrews (Applied Optics 36, 1997), keeps both properties. A clipped pixel demands no more than to be at least as bright
+as it is recorded (Whyte et al., IJCV 110, 2014). Pixels that highlights spoil are filled in from their surroundings.
 """
 
 from __future__ import annotations
@@ -39,9 +38,8 @@ Result = TypeVar("Result")
 NEAR = 0.98
 # Least share of a point's light that must have reached clipped pixels for the point to be a highlight.
 SEEN = 0.2
-# The trail of a lamp is larger than the lamp. A spot is a wall, the sky or a sheet of paper if points that sent more
-# than MOSTLY of their light to it cover more than WALL of it. Little of its light was cut off, and to fill it in would
-# do more harm than good.
+# The trail of a lamp is larger than the lamp. A spot is a wall, the sky or a sheet of paper, and stays, if points that
+# sent more than MOSTLY of their light to it cover more than WALL of it.
 MOSTLY, WALL = 0.7, 0.5
 # The same holds for a spot whose surroundings have more light than BRIGHT, and for a spot with more pixels than a
 # square of WIDEST PSFs: trails are smaller.
@@ -54,8 +52,7 @@ ITERATIONS = 8
 # Least divisor in units of light, and standard deviation of the Gaussian that smooths filled pixels, px.
 DARK, SMOOTH = 1e-3, 2.0
 # Share of a picture that small spots cover at most where they are a few lamps and glints. By day, more are white things
-# in the sun, which lose a little (docs/developer/reliability.md), and of these only the smallest are glints, up to the
-# second share.
+# in the sun, of which only the smallest are glints, up to the second share (docs/developer/reliability.md).
 MOST_SPOTS, GLINTS = 5e-3, 1e-3
 # Median light of a picture below which it is dark: nights of lamps have 0.025, pictures by day 0.09 and more.
 NIGHT = 0.05

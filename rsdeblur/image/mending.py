@@ -1,14 +1,12 @@
 """Mending of a result in linear light: below black, which no scene has, and beside what the sensor clipped.
 
-Where things move otherwise than the motion says, because they are near or move themselves, the solve leaves waves
-beside their edges. In dark surroundings the waves fall below zero, and a file would store them as black stripes. How
-far they fall, compared with the light that was recorded there, shows how unreliable the result is there: it fades
-towards the blurred picture. The right motion leaves hardly any such light, so it changes hardly anything.
+Where things move otherwise than the motion says, the solve leaves waves beside their edges. In dark surroundings these
+fall below zero, and a file would store them as black stripes. The farther they fall, compared with the recorded light,
+the more the result fades towards the blurred picture there. The right motion leaves hardly any such light.
 
 A clipped pixel recorded less than the light that reached it, and each channel clips elsewhere. The solve takes the cut
-for an edge of the scene, another one in each channel, and leaves dark and coloured lines beside it. The colours that
-the photo itself has there limit those of the result. Its darkness limits that of the result loosely, because blur
-lowers the contrast of small things, such as letters on white paper.
+for an edge of the scene, and leaves dark and coloured lines beside it. The colours of the photo there limit those of
+the result. Its darkness does so loosely, because blur lowers the contrast of small things, such as letters on paper.
 
 These limits hold for square roots of linear light, which are about as even to the eye as encoded values. The *luma* of
 a pixel is the mean of its channels there, its *chroma* is what each channel has more than that.
@@ -30,8 +28,7 @@ from rsdeblur.types import Float32Array, FloatArray, FloatImage
 # least in px: the waves of a wrong motion are some tenths of the PSF wide.
 SPREAD, LEAST_SPREAD = 0.15, 1.5
 # Light below black, as a share of the recorded light, from which only the blurred picture is left; the share of the
-# picture's bright parts that is added to the recorded light, so that noise in black places is no evidence; and the
-# weight that counts as 0.
+# bright parts that is added to the latter, so that noise in black places is no evidence; and the weight that is 0.
 MOST, DARK, LEAST = 1 / 8, 0.01, 0.02
 # Side of the window around a pixel that the photo's range is taken over, in lengths of the PSF: light of the pixel went
 # half a PSF far, and as far again reaches what came from there.
@@ -142,7 +139,7 @@ def _below_black(sharp: FloatImage, step: int, threads: int | None) -> NDArray[n
 
 
 class UndershootMeter:
-    """Measurement, chunk by chunk, of the light below black that deblurring adds to a picture of so many rows."""
+    """Measurement of the light below black that deblurring adds, chunk by chunk; a picture has `height` rows."""
 
     def __init__(self, height: int) -> None:
         # Every eighth row is measured, or at least 64 rows.

@@ -130,19 +130,29 @@ def normalized(light: NDArray[np.float32]) -> NDArray[np.float32]:
     return ((light - np.float32(low)) / np.float32(high - low)).clip(0.0, 1.0)
 
 
+def as_float(values: NDArray[Any]) -> NDArray[np.float32]:
+    """Return encoded values as float32, integers divided by their full scale."""
+    with np.errstate(over="ignore", invalid="ignore"):  # infinity, or a signalling NaN: refused
+        scaled = values.astype(np.float32)
+    if values.dtype.kind == "u":
+        scaled /= np.iinfo(values.dtype).max
+    return scaled
+
+
+def as_stored(values: NDArray[np.float32], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return values in [0, 1] as `dtype`; integers are rounded."""
+    if dtype.kind != "u":
+        return values
+    rounded: NDArray[Any] = np.rint(values * np.float32(np.iinfo(dtype).max)).astype(dtype)
+    return rounded
+
+
 def quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:
     """Return values in [0, 1] as samples of `bits` bits; 32 is float32."""
-    if image.dtype.kind == "u":
-        if 8 * image.dtype.itemsize == bits:
-            return image
-        image = image / np.float32(np.iinfo(image.dtype).max)
-    if bits == 32:
-        return image.astype(np.float32)
-    # float16 cannot represent 65535.
-    clipped: NDArray[Any] = np.clip(image, 0.0, 1.0).astype(np.promote_types(image.dtype, np.float32))
-    clipped *= 2**bits - 1
-    levels: NDArray[Any] = np.rint(clipped, out=clipped).astype(np.uint8 if bits == 8 else np.uint16)
-    return levels
+    if image.dtype.kind == "u" and 8 * image.dtype.itemsize == bits:
+        return image
+    values = as_float(image)
+    return values if bits == 32 else as_stored(values.clip(0.0, 1.0), np.dtype(f"u{bits // 8}"))
 
 
 def linear_profile() -> bytes:

@@ -17,9 +17,8 @@ from rsdeblur.types import Float32Array, FloatImage
 
 # Weights of red, green and blue in the brightness: most sensors have two green pixels for each red and blue one.
 RED, GREEN, BLUE = (np.float32(weight) for weight in (0.25, 0.5, 0.25))
-# Where the brightness varies by less than the root of this, as a share of the picture's bright parts, colours follow
-# its relative change instead of the line through the window; and the brightness, as a share of them, of which things
-# that are much darker count as grey.
+# Shares of the bright parts. Where the brightness varies by less than the root of the first, colours follow its
+# relative change instead of the line through the window. What is much darker than the second counts as grey.
 FLAT, DARK = 1e-3, 1e-3
 # Most that a colour exceeds the brightness: blue light alone has this ratio. Ringing could lead to larger ones.
 MOST_RATIO = np.float32(4.0)

@@ -39,12 +39,6 @@ STEPS = 512
 MOST_STEP, BILINEAR_STEP = 0.35, 0.1
 
 
-def _window_table() -> FloatArray:
-    """Return the window at distances from 0 to half its width, where it is zero, and one step more."""
-    distance = np.arange(STEPS * WIDTH // 2) / (STEPS * WIDTH // 2)
-    return np.append(np.i0(SHAPE * np.sqrt(1 - distance**2)) / np.i0(SHAPE), [0.0, 0.0])
-
-
 def window_spectrum(turns: FloatArray) -> FloatArray:
     """Return the spectrum of the window sampled at grid points; frequencies are in turns per grid point."""
     distance = np.arange(1, WIDTH // 2 + 1)
@@ -68,7 +62,8 @@ def _sinc_table(softness: float = 0.0) -> FloatArray:
     return table
 
 
-_TABLE = _window_table()
+# The window at distances from 0 to half its width, where it is zero, and one step more.
+_TABLE = np.append(np.kaiser(STEPS * WIDTH + 1, SHAPE)[STEPS * WIDTH // 2 : -1], [0.0, 0.0])
 # The bilinear window, at the same distances.
 _HAT = np.clip(1 - np.arange(STEPS + 2) / STEPS, 0, None)
 
@@ -139,9 +134,8 @@ def interpolated(
 ) -> NDArray[np.float32]:
     """Return the kernels (N, 2 half_height + 1, 2 half_width + 1) of paths, drawn by the interpolating window.
 
-    `paths` (N, T, 2), C-contiguous, are displacements (x, y) in px at T >= 2 evenly spaced times. The kernel of a path
-    that does not end 4 px before the border is NaN. `softness` is the standard deviation in px, from 0 to 1, of a
-    Gaussian around the paths. Kernels sum to 1 and have some negative values.
+    Paths are those of :func:`rasterize`, but end 4 px before the border. `softness` is the standard deviation in px,
+    from 0 to 1, of a Gaussian around them. Kernels sum to 1 and have some negative values.
     """
     fits = np.abs(paths) <= (half_width - WIDTH // 2, half_height - WIDTH // 2)
     return _drawn(paths, fits, half_height, half_width, (_sinc_table(softness), MOST_STEP), 0, threads)
@@ -164,11 +158,10 @@ def _drawn(
 
 
 def spread(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> float:
-    """Spread a path of unit energy over a grid; return the sum of the grid.
+    """Spread a path (T, 2), px, of unit energy over a grid of odd size around its centre; return the sum of the grid.
 
-    `path` (T, 2) has displacements (x, y) in px at T >= 2 evenly spaced times, `pitches` the grid points per px along y
-    and x. The centre of the grid, of odd size, is no displacement. The grid becomes NaN if a displacement is less than
-    half a window from the border, or is NaN.
+    `pitches` are the grid points per px along y and x. The grid becomes NaN if a displacement is less than half a
+    window from the border, or is NaN.
     """
     high, wide = ((n - 1 - WIDTH) / 2 / pitch for n, pitch in zip(grid.shape, pitches, strict=True))
     fits = bool((np.abs(path) <= (wide, high)).all())

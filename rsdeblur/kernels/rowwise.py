@@ -119,14 +119,9 @@ def solve_numpy(
 
 def _matrices(model: RowModel, table: Float32Array, rows: int) -> list[sparse.csr_array]:
     """Return the matrix A of each lane, shape (H, L)."""
-    row_counts = np.repeat(model.row_end - model.row_first, BLOCK)
-    first = np.repeat(model.row_first, BLOCK)
-    latent = np.repeat(np.arange(model.latents), row_counts)
-    row = (
-        np.arange(len(latent))
-        - np.repeat(np.cumsum(row_counts) - row_counts, row_counts)
-        + np.repeat(first, row_counts)
-    )
+    counts, first = (np.repeat(each, BLOCK) for each in (model.row_end - model.row_first, model.row_first))
+    latent = np.repeat(np.arange(model.latents), counts)
+    row = np.arange(len(latent)) + np.repeat(first + counts - np.cumsum(counts), counts)
     taps = np.diff(model.tap_start)
     at = np.repeat(row, taps), np.repeat(latent, taps)
     phases = table[model.tap_shift, 0] + 1j * table[model.tap_shift, 1].astype(np.complex128)
@@ -156,6 +151,6 @@ solve: Callable[..., None] = unpacked(native.rowwise_solve) if native else solve
 # `normal`, floats of a size that `assembled_size` returns, with A^H A; `solve_assembled` takes it and a right-hand side
 # in `latent`.
 assembled_size: Callable[[RowModel, Float32Array, int], int]
-assembled_size = unpacked(native.rowwise_assembled_size) if native else lambda *_: 0
+assembled_size = unpacked(native.rowwise_assembled_size) if native else lambda *_: 1 << 62  # never kept
 assemble: Callable[..., None] = unpacked(native.rowwise_assemble) if native else _missing
 solve_assembled: Callable[..., None] = unpacked(native.rowwise_solve_assembled) if native else _missing

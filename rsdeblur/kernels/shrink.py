@@ -1,4 +1,4 @@
-"""Shrinkage of a picture's derivatives, the C kernels and their NumPy twins; and extrapolation between its steps.
+"""Shrinkage of a picture's derivatives, the C kernels and their NumPy twins.
 
 D takes forward differences. Beyond the last row and column they are zero or, if `periodic`, wrap around. All channels
 of a pixel are one vector, which is shortened as a whole: vectors up to a threshold vanish, and of others the share
@@ -15,15 +15,12 @@ from collections.abc import Callable
 import numpy as np
 
 from rsdeblur.kernels import native
-from rsdeblur.kernels._jit import njit
 from rsdeblur.types import Float32Array
 
 # Number of coefficients of the polynomial.
 TERMS = 9
 # Rows of a picture on which a row of the output depends, on each side.
 REACH = 2
-# Values that are summed up in float32.
-CHUNK = 2048
 
 
 def workspace(picture: Float32Array) -> Float32Array:
@@ -122,28 +119,3 @@ shrunk_grad_adjoint: Callable[..., None] = native.shrunk_grad_adjoint if native 
 shrunk_derivatives_adjoint: Callable[..., None] = (
     native.shrunk_derivatives_adjoint if native else shrunk_derivatives_adjoint_numpy
 )
-
-
-@njit(nogil=True, fastmath={"reassoc"})  # sums in any order
-def _extrapolate(before, after, ahead):
-    total = whole = np.float64(0.0)
-    for first in range(0, len(after), CHUNK):
-        old, new = before[first : first + CHUNK], after[first : first + CHUNK]
-        change = norm = np.float32(0.0)
-        for i in range(len(new)):
-            step = new[i] - old[i]
-            change += step * step
-            norm += new[i] * new[i]
-            old[i] = new[i] + ahead * step
-        total += change
-        whole += norm
-    return total, whole
-
-
-def extrapolate(before: Float32Array, after: Float32Array, ahead: np.float32) -> tuple[float, float]:
-    """Replace `before` by `after + ahead (after - before)`, two steps of an iteration in C-contiguous arrays.
-
-    Return the sums of the squares of `after - before` and of `after`.
-    """
-    change, norm = _extrapolate(before.reshape(-1), after.reshape(-1), ahead)
-    return float(change), float(norm)

@@ -11,7 +11,6 @@ from collections.abc import Callable
 import numpy as np
 
 from rsdeblur.kernels import native
-from rsdeblur.kernels._jit import njit
 from rsdeblur.types import ComplexArray, Float32Array, Int32Array
 
 # Least normal matrix: frequencies that no PSF passes and no prior restores contain no signal.
@@ -125,19 +124,3 @@ solve_normal: Callable[..., None] = native.solve_normal if native else solve_nor
 blend: Callable[[ComplexArray, ComplexArray, Float32Array, Int32Array], None] = native.blend if native else blend_numpy
 unpair: Callable[[ComplexArray, ComplexArray, ComplexArray, int], None] = native.unpair if native else unpair_numpy
 pair: Callable[[ComplexArray, int, ComplexArray, ComplexArray], None] = native.pair if native else pair_numpy
-
-
-@njit(nogil=True, error_model="numpy")
-def invert(otfs, nsr, scale, block, band, out):
-    """Place the Wiener filter `scale conj(H) / (|H|^2 + nsr)` of columns `otfs` (N, L) in `out` (blocks, B, K, L).
-
-    The first column goes to `block`; those beyond the last block are ignored. `nsr` and `scale` are float32; `nsr` is
-    positive. Last axes are real and imaginary parts, which alternate.
-    """
-    columns = out.shape[2]
-    for n in range(min(len(otfs), columns * (len(out) - block))):
-        otf, line = otfs[n], out[block + n // columns, band, n % columns]
-        for i in range(len(otf) // 2):
-            real, imag = otf[2 * i], otf[2 * i + 1]
-            gain = scale / (real * real + imag * imag + nsr)
-            line[2 * i], line[2 * i + 1] = real * gain, -imag * gain

@@ -133,11 +133,7 @@ fit_tiles: Callable[..., None] = unpacked(native.fit_tiles) if native else fit_t
 def fit_gains(
     tiles: Tiles, levels: FloatArray, stiffness: float, *, threads: int | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the nats (N,) of all tiles, the gains (N, D), and the levels (N,) of the noise.
-
-    `levels` are candidates for the level of the noise, positive. `stiffness`, not negative, weighs the differences of
-    the gains' logarithms.
-    """
+    """Return the nats (N,) of all tiles, the gains (N, D), and the levels (N,) of the noise, of positive candidates."""
     power, noise, expected = (np.ascontiguousarray(each) for each in tiles[:3])
     place, sectors = (each.astype(np.int32) for each in tiles[3:])
     inside = np.s_[:, sectors[0] : sectors[-1]]

@@ -19,8 +19,8 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
-from rsdeblur.image.encoded import ReadoutFrame, as_float
-from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
+from rsdeblur.image.encoded import ReadoutFrame
+from rsdeblur.image.transfer import as_float, from_linear, resolve_transfer, to_linear
 from rsdeblur.kernels.resample import average_warps
 from rsdeblur.motion.arguments import check_recording, exposure_list
 from rsdeblur.motion.camera import Camera

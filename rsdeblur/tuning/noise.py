@@ -64,9 +64,8 @@ UNCLIPPED, MOST_CLIPPED, MOST_EVEN = (0.0005, 0.98), 0.02, 0.5
 HALF_ROWS = 16
 # Error of the paths that is assumed, px, and the number of frequencies that this assumption counts for.
 ASSUMED, WEIGHT = 0.06, 100.0
-# A camera that denoises leaves more noise on coarse scales. Ring of frequencies that is compared with the finest,
-# cycles/px. White noise has at most the first ratio of amplitudes there, also in a JPEG; a photo with the second one is
-# processed (`python -m benchmarks.noise`).
+# A camera that denoises leaves more noise on coarse scales. Ring of frequencies compared with the finest, cycles/px.
+# White noise has at most the first ratio of amplitudes, a processed photo the second (`python -m benchmarks.noise`).
 COARSE, PROCESSED = (0.125, 0.177), (1.5, 2.5)
 
 
@@ -86,10 +85,9 @@ def periodograms(tiles: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def noise_between(power: NDArray[np.float32], low: float, high: float) -> NDArray[np.float32]:
-    """Return the power of white noise in each tile: the least of several directions in a ring of frequencies.
+    """Return the power of white noise in each tile: the least of all directions between two frequencies, cycles/px.
 
-    A scene and a blur have a direction, noise has none. Noise of the picture's average does not do: a likelihood needs
-    the noise of each tile, in the units of its periodogram. `low` and `high` bound the ring, cycles/px.
+    A scene and a blur have a direction, noise has none.
     """
     ring = (low < RADIUS) & (high > RADIUS)
     white = power / np.maximum(GRADIENT, 1e-9)
@@ -156,11 +154,7 @@ class TilePeriodograms:
         self._scene = scene.astype(np.float32).flat[self._used]
 
     def _colour(self) -> NDArray[np.float32]:
-        """Return the power of the noise at all frequencies, as multiples of white noise.
-
-        In each ring, the direction with the least power contains the least of the scene, and quiet tiles contain
-        hardly anything else.
-        """
+        """Return the power of the noise at all frequencies, as multiples of white noise: that of quiet directions."""
         relative = self.power / self.noise
         ring, direction = np.digitize(RADIUS, RINGS).flat[self._used], DIRECTION.flat[self._used]
         multiples = np.ones(len(RINGS) + 2)
@@ -182,10 +176,7 @@ class TilePeriodograms:
     def fit(
         self, expected: NDArray[np.float32], place: NDArray[np.intp], *, threads: int | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return nats, gains and levels of the noise of all tiles, see :func:`rsdeblur.kernels.whittle.fit_gains`.
-
-        `expected` is the power at K places, `place` the index of each tile's.
-        """
+        """Return nats, gains and levels, see :func:`rsdeblur.kernels.whittle.fit_gains`, under :meth:`tiles_under`."""
         return whittle.fit_gains(self.tiles_under(expected, place), self._levels, STIFFNESS, threads=threads)
 
     def tiles_under(self, expected: NDArray[np.float32], place: NDArray[np.intp]) -> whittle.Tiles:
@@ -196,17 +187,13 @@ class TilePeriodograms:
 def noise_level(light: FloatImage) -> float:
     """Estimate the standard deviation of the noise: the root mean square over a picture (H, W, C) and its channels.
 
-    Noise that is even in encoded values, or comes from photons, is stronger in bright light, and none is left where the
-    picture is clipped. So each block has its own estimate, from the median magnitude of its second differences along
-    both axes (Donoho and Johnstone, Biometrika 81, 1994; Immerkaer, Computer Vision and Image Understanding 64, 1996),
-    and the squares are averaged.
-
-    Demosaicing, denoising and JPEG remove noise from the finest scale first, so the picture at half its size is
-    estimated, too. There detail passes for noise: the estimate is up to twice too high in pictures with little blur. So
-    half of it is used, where that is larger. It is 0 for a picture of less than 3 x 3 px.
+    Noise depends on brightness, so each block has its own estimate, from the median magnitude of its second differences
+    along both axes (Donoho and Johnstone, Biometrika 81, 1994; Immerkaer, Computer Vision and Image Understanding 64,
+    1996), and the squares are averaged. It is 0 for a picture of less than 3 x 3 px.
     """
-    # Half of the estimate at half the size, times 2, because an average of four pixels has half the noise.
-    return max(_blockwise(light), 0.5 * 2.0 * _blockwise(halved(light)))
+    # Demosaicing, denoising and JPEG remove the finest noise first, so the picture at half its size counts, too. An
+    # average of four pixels has half the noise; but detail passes for noise there, up to as much again.
+    return max(_blockwise(light), _blockwise(halved(light)))
 
 
 def overall_noise(octaves: ArrayLike) -> float:
@@ -228,10 +215,9 @@ def noise_spectrum(octaves: ArrayLike, side: int) -> FloatArray:
 
 
 def gradient_energy(light: FloatImage) -> float:
-    """Return the mean squared gradient of a picture (H, W, C) at half its size, noise included.
+    """Return the mean squared gradient of a picture (H, W, C) at half its size, where noise has less weight.
 
     Both directions and all channels are added up; the last column has no difference across, and the last row none down.
-    At half the size noise has four times less weight than at full size.
     """
     if min(light.shape[:2]) < 2:  # too narrow to be halved
         return sum(float(np.square(part).sum(axis=2).mean()) for part in gradient(light, periodic=False))
@@ -270,17 +256,11 @@ def _blockwise(light: FloatImage) -> float:
 
 
 class Floors(NamedTuple):
-    """Noise of a picture and error of its PSFs.
+    """Noise of a picture and error of its PSFs."""
 
-    `octave_noise` is the standard deviation in each of the octaves of :data:`OCTAVES`, in the units of
-    the picture; white noise has the same in all. `path_error` is the mean square of the errors of the paths, px^2; it
-    is too low, because the powers of the scene absorb a part. `processed` says how clearly the noise has the colour
-    that denoising leaves, from 0 (white) to 1.
-    """
-
-    octave_noise: tuple[float, ...]
-    path_error: float
-    processed: float = 0.0
+    octave_noise: tuple[float, ...]  # standard deviation in each of the octaves, in the units of the picture
+    path_error: float  # mean square, px^2; too low, because the powers of the scene absorb a part
+    processed: float = 0.0  # how clearly the noise has the colour that denoising leaves, from 0 (white) to 1
 
 
 def measure_floors(light: FloatImage, bank: PsfBank) -> Floors | None:
@@ -305,11 +285,7 @@ def measure_floors(light: FloatImage, bank: PsfBank) -> Floors | None:
         for centres, at in zip((bank.rows, bank.cols), places.T, strict=True)
     )
     power = periodograms(np.moveaxis(tiles, -1, 1)).mean(axis=1)
-    powers = _powers(tiles, power, bank.kernels[rows, cols])
-    # Most frequencies contain little of the scene.
-    noise = float(np.quantile(powers.measured / powers.noise, 0.2))
-    steps = 80
-    variances, squared = _fit_floors(powers, (noise, ASSUMED**2), steps)
+    variances, squared = _fit_floors(tiles, power, bank.kernels[rows, cols])
     return Floors(tuple((float(peak) * np.sqrt(variances)).tolist()), squared, _processed(power, variances))
 
 
@@ -340,73 +316,49 @@ def _places(height: int, width: int) -> NDArray[np.intp]:
     return np.stack(np.meshgrid(tops, lefts, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-class TilePowers(NamedTuple):
-    """Power of T tiles at F frequencies, which are sorted by C cells."""
+def _fit_floors(
+    tiles: NDArray[np.float32], power: NDArray[np.float32], kernels: NDArray[np.float32]
+) -> tuple[FloatArray, float]:
+    """Return the mean variance of the noise in each octave and the mean square of the paths' errors, px^2.
 
-    measured: FloatArray  # periodograms (T, F), positive
-    blurred: FloatArray  # power (T, F) expected from the scene and the blur, up to a gain, positive
-    error: FloatArray  # power (F,) that an error of the paths of 1 px adds, in the same unit
-    noise: FloatArray  # power (F,) of white noise of variance 1
-    brightness: FloatArray  # of the tiles (T,), positive
-    cells: NDArray[np.int64]  # first frequency of each cell, and F, (C + 1,)
-    octaves: NDArray[np.intp]  # octave of each cell (C,), from 0 on without a gap
-
-
-def _powers(tiles: NDArray[np.float32], power: NDArray[np.float32], kernels: NDArray[np.float32]) -> TilePowers:
-    """Return the powers of tiles (T, TILE, TILE, C) with these periodograms, each with its kernel (T, kh, kw)."""
+    The tiles (T, TILE, TILE, C) have the periodograms `power` and the `kernels` (T, kh, kw). The power expected of a
+    tile is `V = g_c (E + e^2 D) + (a_o + b_o m) N`. E is the power of scene and blur, D that which an error of 1 px of
+    the paths adds, N that of white noise, and m the tile's brightness. Each cell c of neighbouring frequencies has a
+    gain g_c of its own, because scenes differ in scale and direction; the floors a_o and b_o of each octave o, and e^2,
+    are those of all tiles. The fit minimises the sum of `P / V + log V`, the Itakura-Saito divergence from the
+    periodogram P: each step multiplies a parameter by the ratio of the two parts of its derivative (Fevotte, Bertin and
+    Durrieu, Neural Computation 21, 2009), without the square root there, which halves the steps.
+    """
     octave = np.digitize(RADIUS, OCTAVES)
     cell = octave * DIRECTIONS + DIRECTION
     used = np.flatnonzero(RADIUS > LOWEST)
     used = used[np.argsort(cell.flat[used], kind="stable")]
-    _, first = np.unique(cell.flat[used], return_index=True)
-    # Not `[:, used]`, in whose result the values of a tile are not contiguous: that takes three times as long.
+    first = np.unique(cell.flat[used], return_index=True)[1]
+    cells, octave_of = np.append(first, len(used)), octave.flat[used[first]]
+    octaves = np.unique(octave_of, return_index=True)[1]
+    # In units of the power of white noise. Not `[:, used]`, in whose result the values of a tile are not contiguous:
+    # that takes three times as long.
     measured, left = (
         each.reshape(len(tiles), -1).take(used, axis=1).astype(np.float64)
         for each in (power, power_of(kernels[None])[0])
     )
-    scene = (GRADIENT / RADIUS.clip(LOWEST) ** 2).flat[used]
-    noise = GRADIENT.flat[used]
+    noise, scene = GRADIENT.flat[used], (GRADIENT / RADIUS.clip(LOWEST) ** 2).flat[used]
     # Nothing is certain, neither a frequency without power nor one that the PSF removes.
-    return TilePowers(
-        measured=np.maximum(measured, 1e-20),
-        blurred=np.maximum(left, 1e-9) * scene,
-        error=noise * scene,
-        noise=noise,
-        brightness=np.maximum(tiles.mean(axis=(1, 2, 3), dtype=np.float64), 1e-3),
-        cells=np.append(first, len(used)).astype(np.int64),
-        octaves=octave.flat[used[first]],
-    )
-
-
-def _fit_floors(tiles: TilePowers, start: tuple[float, float], steps: int) -> tuple[FloatArray, float]:
-    """Return the mean variance of the noise in each octave and the mean square of the paths' errors, px^2.
-
-    The power expected of a tile is `V = g_c (E + e^2 D) + (a_o + b_o m) N`. E is the power of scene and blur, D that
-    which an error of 1 px of the paths adds, N that of white noise, and m the tile's brightness. Each cell c of
-    neighbouring frequencies has a gain g_c of its own, because scenes differ in scale and direction; the floors a_o and
-    b_o of each octave o, and e^2, are those of all tiles. The fit minimises the sum of `P / V + log V`, the
-    Itakura-Saito divergence from the periodogram P: each step multiplies a parameter by the ratio of the two parts of
-    its derivative [1]_, without the square root there, which halves the steps.
-
-    The fit starts at `start`, the values of noise and errors, positive. That of the errors is also their prior.
-
-    .. [1] C. Fevotte, N. Bertin and J.-L. Durrieu, "Nonnegative matrix factorization with the Itakura-Saito
-       divergence", Neural Computation 21, 2009.
-    """
-    light, octaves = tiles.brightness[:, None], np.unique(tiles.octaves, return_index=True)[1]
-    measured, blurred = (np.add.reduceat(power, tiles.cells[:-1], axis=1) for power in tiles[:2])
-    gains, sums = measured / blurred, np.empty((4, *measured.shape))
-    # At first, half of the noise is in proportion to light.
-    even = np.full(len(octaves), start[0] / 2)
-    bright, squared = even / light.mean(), start[1]
-    # N is 1 in these units.
-    powers = [power / tiles.noise for power in tiles[:3]]
-    for _ in range(steps):
-        floors = (even + bright * light).take(tiles.octaves, axis=1)
-        fit_cells(*powers, tiles.cells, floors, squared, gains, sums)
+    powers = np.maximum(measured, 1e-20), np.maximum(left, 1e-9) * scene
+    light = np.maximum(tiles.mean(axis=(1, 2, 3), dtype=np.float64), 1e-3)[:, None]
+    gains = np.divide(*(np.add.reduceat(each, first, axis=1) for each in powers))
+    measured, blurred = (each / noise for each in powers)
+    sums = np.empty((4, *gains.shape))
+    # Most frequencies contain little of the scene. At first, half of the noise is in proportion to light.
+    even = np.full(len(octaves), np.quantile(measured, 0.2) / 2)
+    bright, squared, start = even / light.mean(), ASSUMED**2, ASSUMED**2
+    for _ in range(80):
+        floors = (even + bright * light).take(octave_of, axis=1)
+        fit_cells(measured, blurred, scene, cells, floors, squared, gains, sums)
         ups, downs = np.add.reduceat(sums[:2], octaves, axis=2)
         even *= ups.sum(axis=0) / downs.sum(axis=0)
         bright *= (ups * light).sum(axis=0) / (downs * light).sum(axis=0)
         more, less = sums[2:].sum(axis=(1, 2))
-        squared *= float((WEIGHT * start[1] / squared**2 + more) / (WEIGHT / squared + less))
+        # The assumption is also the prior of the errors.
+        squared *= float((WEIGHT * start / squared**2 + more) / (WEIGHT / squared + less))
     return even + bright * light.mean(), squared

@@ -39,21 +39,17 @@ from rsdeblur.types import FloatArray, FloatImage
 # Factor on the variance of the noise, for two reasons. Errors count in encoded values, where shadows have more weight,
 # and so has noise that is even in light. And pictures have less of the finest detail than a lens leaves.
 FINE_NOISE = 4.0
-# Factor on the fitted error of the paths: gains of cells absorb a part of it. Chosen on 126 simulated captures of blur
-# radii up to 24 px, pixel-sharp and soft, noise of 30 to 50 dB, with a right model, a wrong one, and processed as by a
-# phone.
+# Factor on the fitted error of the paths: gains of cells absorb a part of it. Chosen on 126 simulated captures.
 ABSORBED = 2.5
 # The same for kernels that are given, which count as exact: most of what looks like an error of theirs is noise.
 ABSORBED_BY_EXACT = 1.5
-# Factor on the mean square of the error in a photo that a camera has denoised: its processing changes the scene, too,
-# and what it leaves makes walls look crinkled after deblurring. Chosen by eye on real photos
-# (docs/developer/decisions.md).
+# Factor on the mean square of the error in a photo that a camera has denoised: its processing changes the scene, too.
+# Chosen by eye on real photos (docs/developer/decisions.md).
 OF_PROCESSED = 3.0
 # Error of the paths in px, where the picture is too small to measure it.
 PATH_ERROR = ABSORBED * ASSUMED
-# Largest error of the paths as a share of the PSF's radius, where that is more than `PATH_ERROR`. In a photo that is
-# nearly still, what a phone's processing leaves looks like an error larger than the motion itself, and its detail would
-# be taken for noise. Nor is it more than this share of the paths' spread about their mean, which drawn PSFs widen.
+# Largest error of the paths as a share of the PSF's radius, where that is more than `PATH_ERROR`, and of the paths'
+# spread about their mean. In a photo that is nearly still, what a phone's processing leaves looks like a larger error.
 MOST_PATH_ERROR_SHARE, MOST_OF_SPREAD = 0.25, 0.5
 # Share of a sparse prior's weight in a picture of one channel, whose derivatives are shorter than those of three
 # channels together, and which of them vanish is decided with more noise. (docs/developer/decisions.md)
@@ -71,18 +67,15 @@ KERNELS = 3
 class BlurSpectra:
     """Power spectra of a picture whose gradient has the energy 1, and of its PSFs; all have the same shape.
 
-    `signal` is that of the picture, L / |D|^2, zero for the mean, which no filter changes. `gradient` is |D|^2, the
-    squared response of the differences, and `halved` that of halving and of the differences at half the size. `power`
-    is the mean of |H|^2 over the PSFs, `undone` is |H|^2 of the PSF that a filter undoes, and `match` the mean of H
-    times the conjugate of the undone one; both equal `power` where each filter undoes its own PSF.
+    Where each filter undoes its own PSF, `undone` and `match` equal `power`.
     """
 
-    signal: FloatArray
-    gradient: FloatArray
-    power: FloatArray
-    undone: FloatArray
-    match: FloatArray
-    halved: FloatArray
+    signal: FloatArray  # L / |D|^2 of the picture, zero for the mean, which no filter changes
+    gradient: FloatArray  # |D|^2, the squared response of the differences
+    power: FloatArray  # mean of |H|^2 over the PSFs
+    undone: FloatArray  # |H|^2 of the PSF that a filter undoes
+    match: FloatArray  # mean of H times the conjugate of the undone one
+    halved: FloatArray  # squared response of halving and of the differences at half the size
 
     @property
     def gradient_left(self) -> float:
@@ -90,11 +83,7 @@ class BlurSpectra:
         return float((self.signal * self.gradient * self.power).mean())
 
     def energy(self, light: FloatImage, octave_noise: Sequence[float], path_error: float) -> float:
-        """Return the mean squared gradient of the sharp picture whose blurred one is `light`, shape (H, W, C).
-
-        `octave_noise` has the standard deviation of its noise in each octave, `path_error` is the mean square of the
-        errors of the paths, px^2.
-        """
+        """Return the mean squared gradient of the sharp picture whose blurred one is `light`, shape (H, W, C)."""
         measured = gradient_energy(light)
         of_noise = light.shape[2] * float((self.halved * noise_spectrum(octave_noise, len(self.halved))).mean())
         # What the PSFs leave, and what errors of the paths add.

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from rsdeblur import Camera, Deconvolver, Exposure, InputError, PsfBank, deblur,
 from rsdeblur.burst import BurstResult
 from rsdeblur.burst.alignment import combined, path_error_share, restoration_error, with_path_errors
 from rsdeblur.deconv import DerivativePrior, RowDeconvolver, TileQuadratic
-from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import LatentPrior
+from rsdeblur.deconv.quadratic import TileNormal
+from rsdeblur.deconv.rowwise import RowSolver
 from rsdeblur.estimate import Refinement
 from rsdeblur.estimate.correction import Correction
 from rsdeblur.motion import BlurPaths, Capture
@@ -304,6 +306,7 @@ def test_refine_corrects_the_recording_by_the_most_blurred_frames(monkeypatch: p
 
 
 SOLVED = 96, 112, 3
+ENGINE: dict[str, Any] = {"nsr": 0.01, "reach": 0, "border": "blend", "threads": None}
 TV = DerivativePrior("tv", 2e-3)
 
 
@@ -321,14 +324,14 @@ def picture() -> np.ndarray:
 
 
 @pytest.mark.parametrize("wiener", [True, False])
-def test_one_frame_is_the_solver_of_one_picture(picture: np.ndarray, wiener: bool) -> None:
+def test_equal_frames_are_one_picture(picture: np.ndarray, wiener: bool) -> None:
     bank = bar(3, 4)
-    burst = BurstQuadratic([bank], [1.0], SOLVED, nsr=0.01, wiener=wiener)
+    burst = TileNormal([bank, bank], [0.3, 0.7], SOLVED, nsr=0.01, wiener=wiener, border="blend", threads=None)
+    got = burst.combine([picture, picture], prior=None if wiener else TV)
     if wiener:
-        expected, got = Deconvolver(bank, SOLVED, nsr=0.01).apply(picture), burst.apply([picture])
+        expected = Deconvolver(bank, SOLVED, nsr=0.01).apply(picture)
     else:
         expected = TileQuadratic(bank, SOLVED, nsr=0.01).apply(picture, prior=TV)
-        got = burst.apply([picture], prior=TV)
     # float32, and the order of a few operations.
     np.testing.assert_allclose(got, expected, atol=2e-5)
 
@@ -345,18 +348,16 @@ def paths() -> list[BlurPaths]:
 @pytest.mark.parametrize("prior", [None, DerivativePrior("gradient", 1e-2)], ids=["wiener", "gradient"])
 def test_rowwise_frames_add_up(picture: np.ndarray, paths: list[BlurPaths], prior: LatentPrior) -> None:
     single = RowDeconvolver(paths[0], SOLVED).apply(picture, prior=prior)
-    once = RowBurst(paths[:1], [1.0], SOLVED).apply([picture], prior=prior)
-    np.testing.assert_array_equal(once, single)
     # float32.
-    twice = RowBurst([paths[0], paths[0]], [0.25, 0.75], SOLVED).apply([picture, picture], prior=prior)
+    twice = RowSolver([paths[0], paths[0]], [0.25, 0.75], SOLVED, **ENGINE).combine([picture, picture], prior=prior)
     np.testing.assert_allclose(twice, single, atol=2e-4)
 
 
 def test_what_the_steps_keep_changes_nothing(picture, paths, monkeypatch):
     """Where there is no room for the normal matrices, they are computed anew in every step."""
-    solver = RowBurst(paths, [0.5, 0.5], SOLVED)
-    kept = solver.apply([picture, picture], prior=TV)
+    solver = RowSolver(paths, [0.5, 0.5], SOLVED, **ENGINE)
+    kept = solver.combine([picture, picture], prior=TV)
     for room in (0, 4 * solver._assembled_sizes[0]):
         monkeypatch.setattr("rsdeblur.deconv.rowwise.ASSEMBLED_BYTES", room)
         # Sums are taken in another order.
-        np.testing.assert_allclose(solver.apply([picture, picture], prior=TV), kept, atol=2e-5)
+        np.testing.assert_allclose(solver.combine([picture, picture], prior=TV), kept, atol=2e-5)

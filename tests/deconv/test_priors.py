@@ -6,7 +6,16 @@ from scipy import ndimage
 
 from rsdeblur import PsfBank, scene
 from rsdeblur.deconv import DerivativePrior, TileQuadratic
-from rsdeblur.deconv.priors import KINDS, PENALTIES, TO_GRADIENT, TO_PICTURE, brightness, shrinkage, threshold
+from rsdeblur.deconv.priors import (
+    KINDS,
+    PENALTIES,
+    TO_GRADIENT,
+    TO_PICTURE,
+    _extrapolate,
+    brightness,
+    shrinkage,
+    threshold,
+)
 from rsdeblur.kernels.shrink import gradient
 
 H, W = 90, 122
@@ -71,7 +80,7 @@ def test_global_is_the_equation(blurred: np.ndarray, beta: float, coupling: tupl
     target = np.random.default_rng(4).normal(0, 0.1, (2, H, W, 3))
     grad_adjoint = grad_adjoint_of(*target)
     own = solver()
-    own.prepare(blurred)
+    own._observe(0, blurred)
     y, x = np.fft.fftfreq(H)[:, None, None], np.fft.fftfreq(W)[:, None]
     picture, slope, _ = coupling
     differences = picture + slope * (4 * np.sin(np.pi * y) ** 2 + 4 * np.sin(np.pi * x) ** 2)
@@ -102,7 +111,7 @@ def test_the_splitting_descends(blurred: np.ndarray, kind: str, exponent: float)
     prior, weight = DerivativePrior(kind, 0.002, exponent), 0.002
     coupling, penalty = KINDS[kind].coupling, gradient_penalty if kind == "tv" else derivatives_penalty
     own = solver(nsr=0.0)
-    own.prepare(blurred)
+    own._observe(0, blurred)
 
     def objective(picture: np.ndarray) -> float:
         return float(((blur(picture) - blurred) ** 2).sum() + weight * penalty(picture, exponent))
@@ -149,7 +158,7 @@ def test_gradients_that_all_vanish_stop_nothing() -> None:
     result = restore(solver(), noise, prior="hyper-laplacian", weight=0.001, progress=fractions.append)
     assert len(fractions) > 2
     first = solver()
-    first.prepare(noise)
+    first._observe(0, noise)
     # The first solve alone amplifies the noise.
     assert result.std() < first.solve(0.001 * PENALTIES[0]).std() / 2
 
@@ -160,3 +169,12 @@ def test_the_peak_is_that_of_the_picture(blurred: np.ndarray) -> None:
     np.testing.assert_array_equal(solver().apply(dim, prior=prior), solver().apply(dim, prior=bright))
     full = DerivativePrior("hyper-laplacian", 0.01, peak=1.0)
     assert np.abs(solver().apply(dim, prior=prior) - solver().apply(dim, prior=full)).max() > 1e-3
+
+
+def test_a_step_ahead_of_a_straight_line_stays_on_it() -> None:
+    step = np.arange(3 * W * H, dtype=np.float32).reshape(H, W, 3) / (W * H)
+    first, second = np.ones_like(step), 1 + step
+    change = _extrapolate(first, second, np.float32(0.5), threads=2)
+    # Rounding of float32.
+    np.testing.assert_allclose(first, 1 + 1.5 * step, rtol=1e-6)
+    assert change == pytest.approx(np.linalg.norm(step) / np.linalg.norm(second), rel=1e-5)

@@ -6,7 +6,6 @@ import scipy.fft
 
 from rsdeblur.kernels import chroma, whittle
 from rsdeblur.kernels.raster import interpolated, rasterize
-from rsdeblur.kernels.shrink import CHUNK, extrapolate
 from rsdeblur.kernels.tone import END, to_srgb
 from rsdeblur.kernels.whittle import Tiles, fit_gains, information, smoothed_power
 from tests.oracles.geometry import rasterize_numpy
@@ -42,16 +41,6 @@ def test_ringing_below_black_is_not_amplified():
     out = joined(luma, half, 1.0)
     # The mean of the colours, and at most four times what the brightness differs from its mean, 0.1 at most.
     assert np.abs(out).max() < 0.1 + 4 * 0.15
-
-
-@pytest.mark.parametrize("width", [4, CHUNK, CHUNK + 3])
-def test_a_step_ahead_of_a_straight_line_stays_on_it(width):
-    step = np.arange(3 * width, dtype=np.float32).reshape(1, width, 3) / width
-    first, second = np.ones_like(step), 1 + step
-    sums = extrapolate(first, second, np.float32(0.5))
-    # Rounding of float32, in sums over a chunk.
-    np.testing.assert_allclose(first, 1 + 1.5 * step, rtol=1e-6)
-    np.testing.assert_allclose(sums, [np.square(step).sum(dtype=float), np.square(second).sum(dtype=float)], rtol=1e-5)
 
 
 @pytest.fixture(params=[(8, 8), (6, 4), (64, 64)], ids=str)
