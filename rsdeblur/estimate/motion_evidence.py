@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share, share_map
-from rsdeblur.estimate.sharpness import SIDE, QuickSharpness
+from rsdeblur.estimate.sharpness import SIDE, QuickSharpness, captured
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.kernels.raster import rasterize
-from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
 from rsdeblur.tuning.noise import DIRECTIONS, TILE, TilePeriodograms, noise_level
@@ -67,14 +66,14 @@ class MotionEvidence:
         if min(height, width) < CELL:
             return cls(unknown=f"The picture is narrower than {CELL} px, too small to judge the motion by.")
         step = int(max(1.0, min(max(length / REDUCED_BLUR, LEAST_REDUCTION), min(height, width) // (2 * CELL))))
-        tiles, moving = CheckTiles(encoded, capture, step, threads), _Moving(capture)
+        tiles = CheckTiles(encoded, capture, step, threads)
         if not tiles.detailed:
             return cls(unknown="The picture shows no detail to judge the motion by.")
 
         def turned() -> tuple[QuickSharpness, float, float]:
-            sharpness = QuickSharpness(_reduced(encoded), moving)
-            own = sharpness.of(moving)
-            return sharpness, own, sharpness.half_turn(moving, own)
+            sharpness = QuickSharpness(_reduced(encoded), capture)
+            own = sharpness.of(capture)
+            return sharpness, own, sharpness.half_turn(capture, own)
 
         # Each is too small to be shared, but they need not wait for each other.
         measures: tuple[Callable[[], Any], ...] = turned, tiles.alternatives
@@ -82,7 +81,7 @@ class MotionEvidence:
         others = {"straight": line} | {f"{size:g} times": size for size in SIZES}
 
         def clearer(names: Sequence[str], threads: int | None) -> list[float]:
-            measures = sharpness.under_others(moving, [others[name] for name in names], threads=threads)
+            measures = sharpness.under_others(capture, [others[name] for name in names], threads=threads)
             return [each - own for each in measures]
 
         return cls(tiles, "", leads, turn, clearer)
@@ -112,7 +111,7 @@ class CheckTiles:
         self._blurred, finest = self._cells(encoded, threads)
         self._noise = noise_level(_mosaic(finest)[..., None])
         rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
-        self._paths = BlurPaths.from_capture(_Moving(capture).capture(1 / step), rows, cols)
+        self._paths = BlurPaths.from_capture(captured(capture, 1 / step), rows, cols)
         # So few PSFs are drawn sooner than threads start.
         self._kernels = PsfBank.from_paths(self._paths, threads=1).kernels
 
@@ -176,24 +175,6 @@ class CheckTiles:
         # White noise has the same variance in all pixels, and twice that in each difference.
         left = _gradient(self._blurred) - 4 * (self._noise / self._step) ** 2
         return _gradient(sharp) / left if left > 0 else None
-
-
-@dataclass(frozen=True, slots=True)
-class _Moving:
-    """The known motion of an upright picture, see :class:`rsdeblur.estimate.sharpness.Moving`."""
-
-    whole: Capture
-
-    @property
-    def camera(self) -> Camera:
-        return self.whole.camera
-
-    def capture(self, scale: float = 1.0) -> Capture:
-        if scale == 1.0 and self.whole.softness == 0.0:
-            # It may have its probe already.
-            return self.whole
-        # In the reduced picture, a softness of up to 1 px hardly counts.
-        return replace(self.whole, camera=self.whole.camera.scaled(scale), softness=0.0)
 
 
 def _reduced(encoded: EncodedImage) -> NDArray[np.float32]:

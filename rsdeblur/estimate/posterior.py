@@ -7,9 +7,10 @@ belong to the photo. :class:`TileSpectra` are the power spectra of the tiles of 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
 from rsdeblur.tuning.noise import STIFFNESS, TILE, TilePeriodograms
 from rsdeblur.types import FloatArray
+
+Measure = TypeVar("Measure")
 
 # Softness of photos that no motion explains, from lens, demosaicing and denoising: standard deviation, px of the
 # picture as stored.
@@ -57,20 +60,19 @@ STEEPEST = 8.0
 class TileSpectra:
     """Power spectra of overlapping tiles of a blurred picture, and how likely they are under a camera's motion.
 
-    `light` is linear, shape (H, W), of the picture as stored, or already reduced, but not below `side`, the longer side
-    of the picture after reduction, px; InputError if it is smaller than a tile then. Corrected recordings can be
-    scored, too. Threads share the tiles of a fit; 1 suits callers whose threads share motions. Methods raise the errors
-    of a log that does not describe the exposure.
+    `light` is linear, shape (H, W), of the picture as stored, or already reduced, but not below 640 px; InputError if
+    it is smaller than a tile. Corrected recordings can be scored, too. Methods raise the errors of a log that does not
+    describe the exposure.
     """
 
-    def __init__(
-        self, light: NDArray[np.float32], recording: Recording, *, side: int, threads: int | None = None
-    ) -> None:
-        camera, self._threads = recording.camera, threads
-        self._scale = min(1.0, side / max(camera.width, camera.height))
-        small = camera.scaled(self._scale)
-        if min(small.width, small.height) < TILE:
-            raise InputError(f"the picture must keep {TILE} px on its shorter side when its longer one has {side} px")
+    def __init__(self, light: NDArray[np.float32], recording: Recording) -> None:
+        camera = recording.camera
+        longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
+        if shorter < TILE:
+            raise InputError(f"the picture must have at least {TILE} px on its shorter side, got {shorter}")
+        low, high = (max(side, TILE * longer / shorter + 1) for side in SPECTRA_SIDES)
+        side = int(np.clip(longer / max(LEAST_REDUCTION, recording.capture().mean_length / LONGEST_BLUR), low, high))
+        self._scale = min(1.0, side / longer)
         grey = upright(light, camera, self._scale)
         tops, lefts = (_places(n) for n in grey.shape)
         self._rows, cols = tops + (TILE - 1) / 2, lefts + (TILE - 1) / 2
@@ -99,7 +101,7 @@ class TileSpectra:
     def fit(self, recording: Recording) -> Fit:
         """Return how likely every tile is under this motion."""
         expected = self.expected(recording)
-        return Fit(expected, *self._periodograms.fit(expected, self._place, threads=self._threads))
+        return Fit(expected, *self._periodograms.fit(expected, self._place, threads=1))
 
     def score(self, recording: Recording) -> FloatArray:
         """Return the nats of :meth:`fit`."""
@@ -133,18 +135,15 @@ def softness(scale: float) -> float:
     return float(np.hypot(SOFTNESS * scale, 0.5 * (1 - scale)))
 
 
-def spectra_side(recording: Recording) -> int:
-    """Return the longer side to which a picture is reduced for its spectra, px."""
-    camera = recording.camera
-    longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
-    length = recording.capture().mean_length
-    low, high = (max(side, TILE * longer / shorter + 1) for side in SPECTRA_SIDES)
-    return int(np.clip(longer / max(LEAST_REDUCTION, length / LONGEST_BLUR), low, high))
-
-
 def _places(n: int) -> NDArray[np.intp]:
     """Return the first pixels of tiles that overlap by about half and span `n` px."""
     return np.round(np.linspace(0, n - TILE, -(-2 * (n - TILE) // TILE) + 1)).astype(np.intp)
+
+
+def kept(measure: Callable[[FloatArray], Measure], most: int | None = None) -> Callable[[FloatArray], Measure]:
+    """Return a function of a row of a place that keeps what it measures, of at most so many rows."""
+    cached = lru_cache(most)(lambda key: measure(np.frombuffer(key)))
+    return lambda row: cached(row.tobytes())
 
 
 class PhotoLikelihood:
@@ -154,31 +153,20 @@ class PhotoLikelihood:
     """
 
     def __init__(self, spectra: TileSpectra, recording: Recording, deviations: FloatArray) -> None:
-        self.spectra, self.recording, self._deviations = spectra, recording, deviations
+        self.spectra, self.recording = spectra, recording
         self._tiles = TILES_AS_ONE * max(spectra.tiles, LEAST_TILES)
-        self._nats: dict[bytes, FloatArray | None] = {}
-        # Descents ask for the fit of their last place again; several measures, for the recording of theirs.
-        self._fit, self._corrected = lru_cache(RECENT)(self._fit_at), lru_cache(RECENT)(self._corrected_at)
+        #: The recording with a correction. Several measures ask for that of their place.
+        self.corrected = kept(lambda row: recording.corrected(Correction(*(row * deviations).tolist())), RECENT)
+        # Descents ask for the fit of their last place again.
+        self._fit = kept(lambda row: spectra.fit(self.corrected(row)), RECENT)
+        #: The nats of all tiles; None if the log does not describe the exposure.
+        self.nats = kept(self._described)
 
-    def corrected(self, row: FloatArray) -> Recording:
-        """Return the recording with a correction."""
-        return self._corrected(row.tobytes())
-
-    def _corrected_at(self, key: bytes) -> Recording:
-        return self.recording.corrected(Correction(*(np.frombuffer(key) * self._deviations).tolist()))
-
-    def _fit_at(self, key: bytes) -> Fit:
-        return self.spectra.fit(self.corrected(np.frombuffer(key)))
-
-    def nats(self, row: FloatArray) -> FloatArray | None:
-        """Return the nats of all tiles; None if the log does not describe the exposure."""
-        key = row.tobytes()
-        if key not in self._nats:
-            try:
-                self._nats[key] = self._fit(key).nats
-            except UNDESCRIBED:
-                self._nats[key] = None
-        return self._nats[key]
+    def _described(self, row: FloatArray) -> FloatArray | None:
+        try:
+            return self._fit(row).nats
+        except UNDESCRIBED:
+            return None
 
     def lead(self, row: FloatArray, others: FloatArray) -> float:
         """Return how much likelier the photo is with a correction than with a motion with the nats `others`."""
@@ -195,7 +183,7 @@ class PhotoLikelihood:
 
     def information(self, row: FloatArray, at: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Return gradient and Fisher information for the parameters `at`, without the prior."""
-        fit = self._fit(row.tobytes())
+        fit = self._fit(row)
         slopes = np.array([self._slope(row, index, fit.expected) for index in at])
         gradient, information = self.spectra.information(fit, slopes)
         # A tile that alone would gain more than the bound has less weight.
@@ -304,14 +292,14 @@ class Posterior:
             spread += deviation * step
         return spread
 
-    def descend(self, place: FloatArray, free: Sequence[str], *, steps: int = STEPS) -> FloatArray:
+    def descend(self, place: FloatArray, free: Sequence[str]) -> FloatArray:
         """Return the local maximum that Fisher scoring reaches with some parameters free, the others as they are.
 
         Steps are damped and of bounded length.
         """
         directions = self.directions(free)
         damping, trust = 0.01, TRUST[0]
-        for _ in range(steps):
+        for _ in range(STEPS):
             gradients, matrix = self._information(place, directions)
             at = np.array([place[direction > 0][0] for direction in directions])
             gained, moved = 0.0, place

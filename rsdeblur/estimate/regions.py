@@ -21,7 +21,6 @@ from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, Correc
 from rsdeblur.estimate.score import EVIDENCE, PROOFS, Corrected, Score
 from rsdeblur.estimate.search import ADJUSTMENTS, MOST_DEVIATIONS, adjusted
 from rsdeblur.estimate.sharpness import NATS_PER_FALL
-from rsdeblur.estimate.streaks import lead_of
 from rsdeblur.image.encoded import ReadoutFrame
 from rsdeblur.motion.arguments import is_held
 from rsdeblur.motion.translation import Translation
@@ -101,16 +100,13 @@ class DriftByRegion:
 
     def corrected(self, factors: FloatArray, place: FloatArray) -> Corrected:
         """Return a correction with factors on its drift, and its score."""
-        score, photo, likelihood = self._score, self._photo, self._likelihood
-        recording = with_factors(likelihood.recording, self._correction(place), factors, self._centres)
-        given = likelihood.nats(score.nothing[0])
-        assert given is not None, "the log describes the exposure"
-        leads = likelihood.leads(likelihood.spectra.score(recording), given)
-        led = lead_of(photo.streaks.nats(recording), photo.streak_nats(score.nothing[0]))
-        gain = float(leads.sum() - score.posterior.prior(place)) + led
-        fall = photo.sparsity(score.nothing[0]) - photo.quick.of(recording)
-        total = score.together(gain, fall, [recording])
-        return Corrected(place, [recording], gain=gain, fall=fall, score=total, factors=factors)
+        score = self._score
+        found = [with_factors(self._likelihood.recording, self._correction(place), factors, self._centres)]
+        moved = score.under(found)
+        gain = moved.gain(score.nothing, score) - score.posterior.prior(place)
+        fall = float(moved.falls(score.nothing, score).sum())
+        total = score.together(gain, fall, found)
+        return Corrected(place, found, gain=gain, fall=fall, score=total, factors=factors)
 
     def _correction(self, place: FloatArray) -> Correction:
         return Correction(*(place[0] * self._score.deviations).tolist())

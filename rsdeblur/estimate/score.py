@@ -5,18 +5,18 @@ Corrections are places of a :class:`rsdeblur.estimate.posterior.Posterior`; scor
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from itertools import starmap
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import beside, once, share_map
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior, TileSpectra, spectra_side
+from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior, TileSpectra, kept
 from rsdeblur.estimate.sharpness import NATS_PER_FALL, SHORTER, QuickSharpness, WholeSharpness
 from rsdeblur.estimate.streaks import LightStreaks, lead_of
 from rsdeblur.types import FloatArray
@@ -80,36 +80,29 @@ class Photo:
     """
 
     def __init__(self, light: NDArray[np.float32], likelihood: PhotoLikelihood, streaks: LightStreaks) -> None:
-        self._light, self._recording = light, likelihood.recording
-        self.likelihood, self.streaks = likelihood, streaks
+        self._light, self._recording, self.streaks = light, likelihood.recording, streaks
         self.quick = QuickSharpness(light, self._recording)
-        self._kept: dict[tuple[str, bytes], Any] = {}
+        self._measure(likelihood)
 
     def under(self, recording: Recording, deviations: FloatArray) -> Photo:
         """Return the same measures for corrections of another recording."""
         other = copy(self)
-        other.likelihood, other._kept = PhotoLikelihood(self.likelihood.spectra, recording, deviations), {}
+        other._measure(PhotoLikelihood(self.likelihood.spectra, recording, deviations))
         return other
+
+    def _measure(self, likelihood: PhotoLikelihood) -> None:
+        self.likelihood = likelihood
+        #: How much likelier the light streaks are than under no motion that explains them.
+        self.streak_nats = kept(lambda row: self.streaks.nats(likelihood.corrected(row)))
+        #: :meth:`rsdeblur.estimate.sharpness.QuickSharpness.tiles` of a row.
+        self.tiles = kept(lambda row: self.quick.tiles(likelihood.corrected(row)))
+        #: The logarithm of l1 / l2 by the whole solve.
+        self.whole_sparsity = kept(lambda row: self.whole.of(likelihood.corrected(row)))
 
     @once
     def whole(self) -> WholeSharpness:
         """The measure of whole solves, which most photos do not need."""
         return WholeSharpness(self._light, self._recording)
-
-    def _measured(self, name: str, row: FloatArray, measure: Callable[[Recording], Any]) -> Any:
-        key = name, row.tobytes()
-        if key not in self._kept:
-            self._kept[key] = measure(self.likelihood.corrected(row))
-        return self._kept[key]
-
-    def streak_nats(self, row: FloatArray) -> float:
-        """Return how much likelier the light streaks are than under no motion that explains them."""
-        return float(self._measured("streaks", row, self.streaks.nats))
-
-    def tiles(self, row: FloatArray) -> FloatArray:
-        """Return :meth:`rsdeblur.estimate.sharpness.QuickSharpness.tiles` of a row."""
-        tiles: FloatArray = self._measured("tiles", row, self.quick.tiles)
-        return tiles
 
     def sparsity(self, row: FloatArray) -> float:
         """Return the logarithm of l1 / l2 by the quick measure; infinite without a motion."""
@@ -117,10 +110,6 @@ class Photo:
             return float(self.tiles(row).sum())
         except UNDESCRIBED:
             return np.inf
-
-    def whole_sparsity(self, row: FloatArray) -> float:
-        """Return the logarithm of l1 / l2 by the whole solve."""
-        return float(self._measured("whole", row, self.whole.of))
 
 
 class Score:
@@ -149,8 +138,7 @@ class Score:
         pairs = list(zip(lights, recordings, strict=True))
 
         def likelihood(light: NDArray[np.float32], recording: Recording) -> PhotoLikelihood:
-            spectra = TileSpectra(light, recording, side=spectra_side(recording), threads=1)
-            return PhotoLikelihood(spectra, recording, deviations)
+            return PhotoLikelihood(TileSpectra(light, recording), recording, deviations)
 
         with beside(lambda: list(starmap(LightStreaks, pairs)), threads) as streaks:
             likelihoods = list(starmap(likelihood, pairs))
@@ -166,40 +154,40 @@ class Score:
         """Return the scores by one of the photos alone."""
         return Score([self.photos[n]], self.deviations, self.threads)
 
-    def gain(self, place: FloatArray) -> float:
-        """Return how much likelier the spectra and the light streaks are than without a correction."""
-        return self.spectra_gain(place) + self.streak_gain(place)
+    def gain(self, place: FloatArray, over: Score | None = None) -> float:
+        """Return how much likelier spectra and light streaks are than without a correction, of `over` if it is given.
 
-    def spectra_gain(self, place: FloatArray) -> float:
-        """Return how much likelier the spectra are than without a correction."""
-        return self.posterior.gain(place, self.nothing)
+        `over` are the scores of corrections of other recordings of the same photos.
+        """
+        return self.spectra_gain(place, over) + self.streak_gain(place, over)
 
-    def streak_gain(self, place: FloatArray) -> float:
-        """Return how much likelier the light streaks are than without a correction."""
-        leads = map(lead_of, self.streak_nats(place), self.streak_nats(self.nothing))
-        return float(sum(leads))
+    def spectra_gain(self, place: FloatArray, over: Score | None = None) -> float:
+        """Return the part of the spectra in :meth:`gain`."""
+        given = (over or self).posterior.nats(self.nothing)
+        assert given is not None, "the log describes the exposures"
+        return self.posterior.lead(place, given)
+
+    def streak_gain(self, place: FloatArray, over: Score | None = None) -> float:
+        """Return the part of the light streaks in :meth:`gain`."""
+        return float(sum(map(lead_of, self.streak_nats(place), (over or self).streak_nats(self.nothing))))
 
     def streak_nats(self, place: FloatArray) -> list[float]:
         """Return how much likelier the light streaks of each photo are than under no motion that explains them."""
         return [photo.streak_nats(row) for photo, row in zip(self.photos, place, strict=True)]
 
-    def falls(self, place: FloatArray) -> FloatArray:
-        """Return how much the logarithm of l1 / l2 of each photo falls, shape (N,)."""
-        return self._sparsities(self.nothing) - self._sparsities(place)
+    def falls(self, place: FloatArray, over: Score | None = None) -> FloatArray:
+        """Return how much the logarithm of l1 / l2 of each photo falls, shape (N,); `over` is that of :meth:`gain`."""
+        return (over or self)._sparsities(self.nothing) - self._sparsities(place)
 
     def _sparsities(self, place: FloatArray) -> FloatArray:
         return np.array([photo.sparsity(row) for photo, row in zip(self.photos, place, strict=True)])
 
     def over(self, place: FloatArray, other: Score, *, most: float = np.inf) -> float:
-        """Return the score of a correction over the recordings that `other` measures, of the same photos, nats.
+        """Return the score of a correction over the recordings that `other` measures, see :meth:`gain`, nats.
 
         The logarithms of l1 / l2 do not fall by more than `most`, and count only where the spectra agree.
         """
-        given = other.posterior.nats(other.nothing)
-        assert given is not None, "the log describes the exposures"
-        streaks = map(lead_of, self.streak_nats(place), other.streak_nats(other.nothing))
-        gain = _finite(self.posterior.lead(place, given) + float(sum(streaks)))
-        fall = float((other._sparsities(other.nothing) - self._sparsities(place)).sum())
+        gain, fall = _finite(self.gain(place, other)), float(self.falls(place, other).sum())
         return gain if gain < 0 else gain + NATS_PER_FALL * min(fall, most)
 
     def whole_falls(self, places: Sequence[FloatArray]) -> FloatArray:
@@ -243,13 +231,13 @@ class Score:
         gain = _finite(gain)
         # The sharp picture counts only where the spectra agree. Far from the truth it may be clear because little blur
         # was removed.
-        if gain < 0 or (gain < EVIDENCE and _length(recordings) < SHORTER * self._given_length):
+        if gain < 0 or (gain < EVIDENCE and mean_lengths(recordings).mean() < SHORTER * self._given_length):
             return gain
         return gain + NATS_PER_FALL * fall
 
     @once
     def _given_length(self) -> float:
-        return _length(self.posterior.recordings(self.nothing))
+        return float(mean_lengths(self.posterior.recordings(self.nothing)).mean())
 
 
 def _finite(gain: float) -> float:
@@ -257,6 +245,6 @@ def _finite(gain: float) -> float:
     return max(gain, -NATS_PER_FALL)
 
 
-def _length(recordings: Sequence[Recording]) -> float:
-    """Return the mean length of the paths, px."""
-    return float(np.mean([recording.capture().mean_length for recording in recordings]))
+def mean_lengths(recordings: Sequence[Recording]) -> FloatArray:
+    """Return the mean length of the paths of each recording, px."""
+    return np.array([recording.capture().mean_length for recording in recordings])

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,26 +53,25 @@ NATS_PER_FALL = 1000.0
 SHORTER = 0.85
 
 
-class Moving(Protocol):
-    """A camera and, on demand, its motion, as in :class:`rsdeblur.estimate.correction.Recording`."""
-
-    @property
-    def camera(self) -> Camera:
-        """The camera of the picture as stored."""
-
-    def capture(self, scale: float = 1.0) -> Capture:
-        """Return the capture of the upright picture, reduced by a factor `scale`."""
+def captured(moving: Recording | Capture, scale: float = 1.0) -> Capture:
+    """Return a capture, or that of a recording, of the upright picture reduced by a factor."""
+    if isinstance(moving, Recording):
+        return moving.capture(scale)
+    if scale == 1.0 and moving.softness == 0.0:
+        return moving  # it may have its probe already
+    # In the reduced picture, a softness of up to 1 px hardly counts.
+    return replace(moving, camera=moving.camera.scaled(scale), softness=0.0)
 
 
 class QuickSharpness:
     """How concentrated the gradient of the sharp picture is under several motions, with the same strength.
 
     `light` is linear, shape (H, W), of the picture as stored, or already reduced, but not below 640 px. The strength
-    follows from `recording`, the one given.
+    follows from `recording`, the one given. A capture in its place belongs to an upright picture.
     """
 
-    def __init__(self, light: FloatImage, recording: Moving) -> None:
-        length = max(recording.capture().mean_length, 1.0)
+    def __init__(self, light: FloatImage, recording: Recording | Capture) -> None:
+        length = max(captured(recording).mean_length, 1.0)
         self._scale = scale_of(recording.camera, LONGEST_BLUR / length)
         light = upright(light, recording.camera, self._scale)
         rows, cols = (tile_centres(count, side) for count, side in zip(TILES, light.shape, strict=True))
@@ -86,43 +84,42 @@ class QuickSharpness:
         self.centres = down / light.shape[0], across / light.shape[1]
         self._prior = DerivativePrior("tv", tuning.weight("tv", 1.0), peak=brightness(light))
 
-    def _bank(self, recording: Moving, rows: FloatArray, cols: FloatArray) -> PsfBank:
+    def _bank(self, recording: Recording | Capture, rows: FloatArray, cols: FloatArray) -> PsfBank:
         # So few PSFs are drawn sooner than threads start.
         return PsfBank.from_paths(self._paths(recording, rows, cols), threads=1)
 
-    def _paths(self, recording: Moving, rows: FloatArray, cols: FloatArray) -> BlurPaths:
-        return BlurPaths.from_capture(recording.capture(self._scale), rows, cols)
+    def _paths(self, recording: Recording | Capture, rows: FloatArray, cols: FloatArray) -> BlurPaths:
+        return BlurPaths.from_capture(captured(recording, self._scale), rows, cols)
 
-    def of(self, recording: Moving) -> float:
+    def of(self, recording: Recording | Capture) -> float:
         """Return the mean logarithm of l1 / l2 of the gradient of the sharp tiles; infinite without a motion."""
         try:
             return float(self.tiles(recording).sum())
         except UNDESCRIBED:
             return np.inf
 
-    def tiles(self, recording: Moving) -> FloatArray:
+    def tiles(self, recording: Recording | Capture) -> FloatArray:
         """Return what each tile contributes to that mean, shape (N,); errors where the log describes no motion."""
         return self._under(self._otfs(recording))
 
-    def half_turn(self, recording: Moving, own: float | None = None) -> float:
+    def half_turn(self, recording: Capture, own: float) -> float:
         """Return by how much that falls if the motion is turned by half a turn about the optical axis.
 
         The spectra of the blurred picture are the same then. Pictures of less than `LEAST_TURNED` px show too little to
-        tell: 0. `own` is what :meth:`of` returns for the motion, if that is known.
+        tell: 0. `own` is what :meth:`of` returns for the motion.
         """
         if min(recording.camera.width, recording.camera.height) < LEAST_TURNED:
             return 0.0
         # A PSF turned by half a turn has the conjugate OTF.
-        turned = float(self._under(self._otfs(recording).conj()).sum())
-        return (self.of(recording) if own is None else own) - turned
+        return own - float(self._under(self._otfs(recording).conj()).sum())
 
     def under_others(
-        self, recording: Moving, others: Sequence[FloatArray | float], *, threads: int | None = 1
+        self, recording: Capture, others: Sequence[FloatArray | float], *, threads: int | None
     ) -> list[float]:
         """Return the measure of :meth:`of` with motions that are other than a recording's.
 
         A motion is a path that all pixels have, px of the upright picture, shape (T, 2), or a factor on the paths.
-        Threads share them; None means all processors.
+        Threads share them.
         """
         own = self._paths(recording, *self._tiles.centres)
 
@@ -136,7 +133,7 @@ class QuickSharpness:
 
         return share_map(measure, others, threads)
 
-    def _otfs(self, recording: Moving) -> ComplexArray:
+    def _otfs(self, recording: Recording | Capture) -> ComplexArray:
         return self._tiles.otfs(self._bank(recording, *self._tiles.centres).kernels)
 
     def _under(self, otfs: ComplexArray) -> FloatArray:
