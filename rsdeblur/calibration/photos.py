@@ -190,19 +190,13 @@ class _Photos:
 
     def _ranked(self, cameras: Sequence[Camera]) -> list[Camera]:
         """Return the cameras under which the logs describe the exposures, the likeliest by the spectra first."""
-        described, every = [], []
-        for camera in cameras:
-            posterior = self._posterior(camera)
-            nats = posterior.nats(posterior.nothing)
-            if nats is not None:
-                described.append(camera)
-                every.append(nats)
-        if not described:
+        posteriors = map(self._posterior, cameras)
+        costs = costs_of([posterior.nats(posterior.nothing) for posterior in posteriors])
+        if not np.isfinite(costs).any():
             raise CoverageError(
                 "the logs cover the exposures under no offset of the search; widen it, or check the clocks"
             )
-        costs = sum(costs_of(np.array(photo)) for photo in zip(*every, strict=True))
-        return [described[place] for place in np.argsort(costs, kind="stable")]
+        return [cameras[n] for n in np.argsort(costs, kind="stable") if np.isfinite(costs[n])]
 
     def calibration(self, search: tuple[float, float]) -> Calibration:
         """Search, fit and judge."""

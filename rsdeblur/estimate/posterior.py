@@ -103,10 +103,6 @@ class TileSpectra:
         expected = self.expected(recording)
         return Fit(expected, *self._periodograms.fit(expected, self._place, threads=1))
 
-    def score(self, recording: Recording) -> FloatArray:
-        """Return the nats of :meth:`fit`."""
-        return self.fit(recording).nats
-
     def information(self, fit: Fit, slopes: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
         """Return gradient and Fisher information of every tile, see :func:`rsdeblur.kernels.whittle.information`.
 
@@ -168,11 +164,6 @@ class PhotoLikelihood:
         except UNDESCRIBED:
             return None
 
-    def lead(self, row: FloatArray, others: FloatArray) -> float:
-        """Return how much likelier the photo is with a correction than with a motion with the nats `others`."""
-        nats = self.nats(row)
-        return -np.inf if nats is None else float(self.leads(nats, others).sum())
-
     def leads(self, nats: FloatArray, others: FloatArray) -> FloatArray:
         """Return how much likelier each tile is with one motion than with another, given the nats of both.
 
@@ -223,7 +214,7 @@ class Posterior:
 
     def recordings(self, place: FloatArray) -> list[Recording]:
         """Return the recordings with a correction."""
-        return [photo.corrected(row) for photo, row in self._rows(place)]
+        return [photo.corrected(row) for photo, row in zip(self.photos, place, strict=True)]
 
     def directions(self, names: Iterable[str]) -> list[FloatArray]:
         """Return unit steps of the free ones of some parameters, shape (N, 8): one for each number that differs."""
@@ -244,17 +235,12 @@ class Posterior:
 
     def nats(self, place: FloatArray) -> list[FloatArray] | None:
         """Return the nats of all tiles of each photo; None if a log does not describe its exposure."""
-        found = share_map(lambda pair: pair[0].nats(pair[1]), self._rows(place), self._threads)
+        found = self._nats(place)
         described = [nats for nats in found if nats is not None]
         return described if len(described) == len(found) else None
 
-    def _rows(self, place: FloatArray) -> list[tuple[PhotoLikelihood, FloatArray]]:
-        return list(zip(self.photos, place, strict=True))
-
-    def gain(self, place: FloatArray, over: FloatArray) -> float:
-        """Return how much more likely one correction is than another, in nats; infinite if one has no score."""
-        others = self.nats(over)
-        return np.inf if others is None else self.lead(place, others) + self.prior(over)
+    def _nats(self, place: FloatArray) -> list[FloatArray | None]:
+        return share_map(lambda n: self.photos[n].nats(place[n]), range(len(self.photos)), self._threads)
 
     def lead(self, place: FloatArray, others: Sequence[FloatArray]) -> float:
         """Return how much more likely a correction is than motions with the nats `others`, whose prior is ignored."""
@@ -262,11 +248,8 @@ class Posterior:
 
     def photo_leads(self, place: FloatArray, others: Sequence[FloatArray]) -> FloatArray:
         """Return how much likelier each photo is than with the nats `others`, without the prior, shape (N,)."""
-
-        def lead(n: int) -> float:
-            return self.photos[n].lead(place[n], others[n])
-
-        return np.array(share_map(lead, range(len(self.photos)), self._threads))
+        triples = zip(self.photos, self._nats(place), others, strict=True)
+        return np.array([-np.inf if own is None else photo.leads(own, each).sum() for photo, own, each in triples])
 
     def prior(self, place: FloatArray) -> float:
         """Return how much less likely a correction is than none before any photo is seen, nats."""
@@ -301,6 +284,8 @@ class Posterior:
         damping, trust = 0.01, TRUST[0]
         for _ in range(STEPS):
             gradients, matrix = self._information(place, directions)
+            given = self.nats(place)
+            assert given is not None, "the log describes the exposures"
             at = np.array([place[direction > 0][0] for direction in directions])
             gained, moved = 0.0, place
             step = np.zeros(len(directions))
@@ -308,7 +293,7 @@ class Posterior:
                 step = -np.linalg.solve(damped(matrix, damping), gradients.sum(axis=0) + at)
                 step *= min(1.0, trust / max(float(np.abs(step).max()), 1e-9))
                 moved = place + np.tensordot(step, directions, 1)
-                gained = self.gain(moved, place)
+                gained = self.lead(moved, given) + self.prior(place)
                 damping, trust = (damping / 4, trust * 1.3) if gained > 0 else (max(6 * damping, 0.05), trust / 2)
             if not gained > 0:
                 break
@@ -337,10 +322,13 @@ def damped(information: FloatArray, damping: float) -> FloatArray:
     return matrix
 
 
-def costs_of(tiles: FloatArray) -> FloatArray:
+def costs_of(motions: Sequence[Sequence[FloatArray] | None]) -> FloatArray:
     """Return how much less likely each motion is than the likeliest one of each tile, nats; no tile decides alone.
 
-    `tiles` has the nats of the tiles of a photo under each motion, shape (M, tiles).
+    Each motion has the nats of the tiles of each photo; None where no log describes it, which costs infinitely much.
     """
-    costs: FloatArray = np.minimum(tiles - tiles.min(axis=0), MOST_NATS).mean(axis=1) / TILES_AS_ONE
+    described, costs = [each for each in motions if each is not None], np.full(len(motions), np.inf)
+    photos = (np.array(tiles) for tiles in zip(*described, strict=True))
+    bounded = [np.minimum(tiles - tiles.min(axis=0), MOST_NATS).mean(axis=1) for tiles in photos]
+    costs[[each is not None for each in motions]] = np.sum(bounded, axis=0) / TILES_AS_ONE
     return costs

@@ -229,7 +229,7 @@ def _refinements(score: Score, *, known_axes: bool, progress: Progress) -> list[
         used = given if reason else found.recordings[n]
         refinements.append(
             Refinement(
-                *_parts(used),
+                *(used.log, used.camera, used.exposure, used.translation),
                 accepted=not reason,
                 reason=reason,
                 values=Correction(*(found.place[n] * score.deviations).tolist()),
@@ -274,12 +274,8 @@ def _without_acceleration(uncertainty: Uncertainty) -> Uncertainty:
 def _unrefined(recording: Recording, deviations: FloatArray, reason: str) -> Refinement:
     """Return the recording as given."""
     values, sd = Correction(), Correction(*deviations.tolist())
-    parts = _parts(recording)
+    parts = recording.log, recording.camera, recording.exposure, recording.translation
     return Refinement(*parts, accepted=False, reason=reason, values=values, sd=sd, confidence=0.0, gain=0.0, fall=0.0)
-
-
-def _parts(recording: Recording) -> tuple[GyroLog, Camera, Exposure, Translation | None]:
-    return recording.log, recording.camera, recording.exposure, recording.translation
 
 
 def exposures_of(exposure: Exposure | Sequence[Exposure]) -> list[Exposure]:

@@ -119,11 +119,11 @@ class DriftByRegion:
         assert own is not None, "the log describes the exposure"
         others = np.flatnonzero(factors != 1)
         moved = [likelihood.recording.corrected(_scaled(correction, factor)) for factor in factors[others].tolist()]
-        nats = share_map(likelihood.spectra.score, moved, self._score.threads)
+        fits = share_map(likelihood.spectra.fit, moved, self._score.threads)
         falls = NATS_PER_FALL * (np.stack(share_map(self._photo.quick.tiles, moved, self._score.threads)) - tiles)
         costs = np.zeros((len(factors), len(tiles)))
-        for n, fall, each in zip(others.tolist(), falls, nats, strict=True):
-            costs[n] = fall - np.bincount(self._region, likelihood.leads(each, own), len(fall))
+        for n, fall, fit in zip(others.tolist(), falls, fits, strict=True):
+            costs[n] = fall - np.bincount(self._region, likelihood.leads(fit.nats, own), len(fall))
         labels, total = _alike(costs.reshape(len(factors), len(self._centres[0]), -1), factors)
         return factors[labels], -total
 

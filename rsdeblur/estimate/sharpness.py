@@ -44,9 +44,6 @@ FRAME = 16
 FAINTEST = 1e-9
 # Penalties of the steps of total variation, which do not extrapolate: more steps distinguish motions no better.
 PENALTIES = (5.0, 14.0)
-# Shorter side, px, from which pictures tell a motion from half a turn of it. With right motions, the measure reached
-# 0.03 in pictures of 66 to 100 px, and 0.008 in larger ones.
-LEAST_TURNED = 160
 # Nats of the spectra that a fall of the logarithm of l1 / l2 is worth.
 NATS_PER_FALL = 1000.0
 # Share of the length of other paths below which it favours the shorter ones: less deblurring leaves fewer waves.
@@ -75,7 +72,8 @@ class QuickSharpness:
         self._scale = scale_of(recording.camera, LONGEST_BLUR / length)
         light = upright(light, recording.camera, self._scale)
         rows, cols = (tile_centres(count, side) for count, side in zip(TILES, light.shape, strict=True))
-        bank = self._bank(recording, rows, cols)
+        # So few PSFs are drawn sooner than threads start.
+        bank = PsfBank.from_paths(self._paths(recording, rows, cols), threads=1)
         tuning = assumed(light[..., None], bank)
         self._tiles = _RepeatingTiles(light, bank.size, nsr=tuning.border_error, softness=softness(self._scale))
         self._shares = contrast_shares(self._tiles.observed_parts)
@@ -84,60 +82,38 @@ class QuickSharpness:
         self.centres = down / light.shape[0], across / light.shape[1]
         self._prior = DerivativePrior("tv", tuning.weight("tv", 1.0), peak=brightness(light))
 
-    def _bank(self, recording: Recording | Capture, rows: FloatArray, cols: FloatArray) -> PsfBank:
-        # So few PSFs are drawn sooner than threads start.
-        return PsfBank.from_paths(self._paths(recording, rows, cols), threads=1)
-
     def _paths(self, recording: Recording | Capture, rows: FloatArray, cols: FloatArray) -> BlurPaths:
         return BlurPaths.from_capture(captured(recording, self._scale), rows, cols)
 
-    def of(self, recording: Recording | Capture) -> float:
+    def of(self, recording: Recording) -> float:
         """Return the mean logarithm of l1 / l2 of the gradient of the sharp tiles; infinite without a motion."""
         try:
             return float(self.tiles(recording).sum())
         except UNDESCRIBED:
             return np.inf
 
-    def tiles(self, recording: Recording | Capture) -> FloatArray:
+    def tiles(self, recording: Recording) -> FloatArray:
         """Return what each tile contributes to that mean, shape (N,); errors where the log describes no motion."""
-        return self._under(self._otfs(recording))
+        return self._under(self._paths(recording, *self._tiles.centres))
 
-    def half_turn(self, recording: Capture, own: float) -> float:
-        """Return by how much that falls if the motion is turned by half a turn about the optical axis.
-
-        The spectra of the blurred picture are the same then. Pictures of less than `LEAST_TURNED` px show too little to
-        tell: 0. `own` is what :meth:`of` returns for the motion.
-        """
-        if min(recording.camera.width, recording.camera.height) < LEAST_TURNED:
-            return 0.0
-        # A PSF turned by half a turn has the conjugate OTF.
-        return own - float(self._under(self._otfs(recording).conj()).sum())
-
-    def under_others(
-        self, recording: Capture, others: Sequence[FloatArray | float], *, threads: int | None
-    ) -> list[float]:
-        """Return the measure of :meth:`of` with motions that are other than a recording's.
+    def under(self, capture: Capture, motions: Sequence[FloatArray | float], *, threads: int | None) -> list[float]:
+        """Return the measure of :meth:`of` with several motions, which threads share.
 
         A motion is a path that all pixels have, px of the upright picture, shape (T, 2), or a factor on the paths.
-        Threads share them.
         """
-        own = self._paths(recording, *self._tiles.centres)
+        own = self._paths(capture, *self._tiles.centres)
 
         def measure(other: FloatArray | float) -> float:
             if isinstance(other, float):
                 displacements = other * own.displacements
             else:
                 displacements = np.broadcast_to(self._scale * other, (*own.displacements.shape[:2], *other.shape))
-            bank = PsfBank.from_paths(replace(own, displacements=displacements), threads=1)
-            return float(self._under(self._tiles.otfs(bank.kernels)).sum())
+            return float(self._under(replace(own, displacements=displacements)).sum())
 
-        return share_map(measure, others, threads)
+        return share_map(measure, motions, threads)
 
-    def _otfs(self, recording: Recording | Capture) -> ComplexArray:
-        return self._tiles.otfs(self._bank(recording, *self._tiles.centres).kernels)
-
-    def _under(self, otfs: ComplexArray) -> FloatArray:
-        solver = _RepeatingSolver(self._tiles, otfs)
+    def _under(self, paths: BlurPaths) -> FloatArray:
+        solver = _RepeatingSolver(self._tiles, self._tiles.otfs(PsfBank.from_paths(paths, threads=1).kernels))
         *_, (sharp, _) = self._prior.steps(solver, penalties=PENALTIES, ahead=0.0, threads=1)
         return self._shares * concentrations(self._tiles.parts(sharp))
 

@@ -262,22 +262,13 @@ class _Clock:
 
     def _curve(self, progress: Progress) -> FloatArray:
         """Return how much less likely than the best the candidates are by the spectra, nats; infinite without a log."""
-        photos = self._score.photos
 
-        def score(n: int) -> list[FloatArray] | None:
+        def nats(n: int) -> list[FloatArray] | None:
             progress("search", n / len(self._shifts))
-            pairs = zip(photos, self._shifted(float(self._shifts[n])), strict=True)
-            try:
-                return [photo.likelihood.spectra.score(each) for photo, each in pairs]
-            except UNDESCRIBED:
-                return None
+            shifted = self._score.under(self._shifted(float(self._shifts[n])))
+            return shifted.posterior.nats(shifted.nothing)
 
-        every = share_map(score, range(len(self._shifts)), self._score.threads)
-        described = [each for each in every if each is not None]
-        costs = np.full(len(every), np.inf)
-        costs[[each is not None for each in every]] = sum(
-            costs_of(np.array(photo)) for photo in zip(*described, strict=True)
-        )
+        costs = costs_of(share_map(nats, range(len(self._shifts)), self._score.threads))
         least: FloatArray = costs - costs.min()
         return least
 
