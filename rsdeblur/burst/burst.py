@@ -199,9 +199,9 @@ def deblur_burst(
     chosen = with_mode(chosen, captures)
     splits = split_highlights(encoded, chosen, captures, clock)
     with clock.stage("tune"):
-        tunings = measured(splits, captures, chosen)
+        frames = measured(splits, captures, chosen)
     with clock.stage("align"):
-        burst = aligned(splits, captures, tunings, reference, clock, chosen.threads)
+        burst = aligned(frames, reference, clock, chosen.threads)
     with clock.stage("psfs"):
         solution = BurstSolution.of(burst, chosen)
     first, meter = burst.reference, UndershootMeter(burst.reference.encoded.shape[0])
@@ -277,5 +277,5 @@ def _use(burst: AlignedBurst, index: int, share: float, frame: ReadoutFrame) -> 
         weights = np.ones(own.grey.shape, dtype=np.float32)
         return FrameUse(share, 1.0, 1.0, 0.0, noise, blur, frame.back(weights))
     fit = own.fit
-    shift = own.factor * float(np.sqrt(np.square(fit.shift).sum(axis=-1).mean()))
+    shift = own.factor * float(np.sqrt(np.square(fit.shift).sum(axis=0).mean()))
     return FrameUse(share, fit.support, fit.gain, shift, noise * fit.gain, blur, frame.back(own.shown_weights))
