@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -195,15 +195,20 @@ class PhotoLikelihood:
         return np.zeros_like(expected)
 
 
-class Posterior:
+OnePhoto = TypeVar("OnePhoto", bound=PhotoLikelihood)
+
+
+class Posterior(Generic[OnePhoto]):
     """How likely corrections are, given the photos' spectra and how uncertain the recording is.
 
     All photos have the same `deviations`, shape (8,), of the errors of their recordings, in the units of
-    :class:`Correction`; 0 for what is known. Threads share the photos; None means all processors.
+    :class:`Correction`; 0 for what is known. Threads share several photos or places; None means all processors.
     """
 
-    def __init__(self, photos: Sequence[PhotoLikelihood], deviations: FloatArray, *, threads: int | None = 1) -> None:
-        self.photos, self._deviations, self._threads = list(photos), deviations, threads
+    def __init__(self, photos: Sequence[OnePhoto], deviations: FloatArray, threads: int | None) -> None:
+        self.photos, self.deviations, self.threads = list(photos), deviations, threads
+        # The starts of a search, by which one photo is shared, are more than the tiles of a photo are worth.
+        self._threads = threads if len(photos) > 1 else 1
         self.nothing: FloatArray = np.zeros((len(self.photos), len(PARAMETERS)))
         #: Names of the parameters that are not known.
         self.free = tuple(np.array(PARAMETERS)[deviations > 0].tolist())

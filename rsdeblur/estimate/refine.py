@@ -222,10 +222,10 @@ def refine(
 def _refinements(score: Score, *, known_axes: bool, progress: Progress) -> list[Refinement]:
     """Return the most likely correction, accepted or not, for each photo."""
     found, reason = _found(score, known_axes=known_axes, progress=progress)
-    spread = score.posterior.spread(found.place)
+    spread = score.spread(found.place)
     refinements = []
     for n, photo in enumerate(score.photos):
-        given = photo.likelihood.recording
+        given = photo.recording
         used = given if reason else found.recordings[n]
         refinements.append(
             Refinement(
@@ -256,7 +256,7 @@ def _found(score: Score, *, known_axes: bool, progress: Progress) -> tuple[Corre
     ahead = AHEAD_OF_AXES
     if not (reason or known_axes) and rivalled(found.recordings, ahead):
         reason, ahead = OTHER_AXES, AHEAD_BY_FACTORS
-    if len(score.photos) == 1 and score.photos[0].likelihood.recording.translation is None:
+    if len(score.photos) == 1 and score.photos[0].recording.translation is None:
         regional = DriftByRegion(score).best([best, *search.candidates], over=None if reason else best)
         if regional is not None and (known_axes or not (reason and rivalled(regional.recordings, ahead))):
             found, reason = regional, ""

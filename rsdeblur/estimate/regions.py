@@ -42,9 +42,8 @@ class DriftByRegion:
 
     def __init__(self, score: Score) -> None:
         (photo,) = score.photos
-        self._score, self._photo, self._likelihood = score, photo, photo.likelihood
-        self._centres = photo.quick.centres
-        self._region = _nearest(photo.likelihood.spectra.centres, self._centres)
+        self._score, self._photo, self._centres = score, photo, photo.picture.quick.centres
+        self._region = _nearest(photo.picture.spectra.centres, self._centres)
 
     def best(self, places: Sequence[FloatArray], over: FloatArray | None) -> Corrected | None:
         """Return the best of several corrections, adjusted, with its factors; None where one factor does as well.
@@ -68,7 +67,7 @@ class DriftByRegion:
     def _is_credible(self, found: Corrected, over: FloatArray | None) -> bool:
         """Return whether a correction is clearly better than `over` by the whole solve, which no search has misled."""
         score = self._score
-        fall = self._photo.whole_sparsity(score.nothing[0]) - self._photo.whole.of(found.recordings[0])
+        fall = self._photo.whole_sparsity(score.nothing[0]) - self._photo.picture.whole.of(found.recordings[0])
         if over is None:
             return found.score >= PROOFS["regions"].score and fall >= PROOFS["regions"].fall
         least = float(score.whole_falls([over]).sum())
@@ -87,7 +86,7 @@ class DriftByRegion:
 
     def _adjusted(self, place: FloatArray, factors: FloatArray) -> tuple[Corrected, float]:
         """Return a correction and its factors, adjusted in turn, and the nats gained by the factors."""
-        axes = [step for step in self._score.posterior.directions(ADJUSTMENTS["quick"].names) if place[step > 0].any()]
+        axes = [step for step in self._score.directions(ADJUSTMENTS["quick"].names) if place[step > 0].any()]
         gain = 0.0
         for step in ADJUSTMENTS["quick"].steps:
             place = adjusted(place, partial(self._scores, factors), axes, lambda *_: None, steps=(step,))
@@ -101,9 +100,9 @@ class DriftByRegion:
     def corrected(self, factors: FloatArray, place: FloatArray) -> Corrected:
         """Return a correction with factors on its drift, and its score."""
         score = self._score
-        found = [with_factors(self._likelihood.recording, self._correction(place), factors, self._centres)]
+        found = [with_factors(self._photo.recording, self._correction(place), factors, self._centres)]
         moved = score.under(found)
-        gain = moved.gain(score.nothing, score) - score.posterior.prior(place)
+        gain = moved.gain(score.nothing, score) - score.prior(place)
         fall = float(moved.falls(score.nothing, score).sum())
         total = score.together(gain, fall, found)
         return Corrected(place, found, gain=gain, fall=fall, score=total, factors=factors)
@@ -113,17 +112,17 @@ class DriftByRegion:
 
     def _factors(self, place: FloatArray, factors: FloatArray) -> tuple[FloatArray, float]:
         """Return the best of some factors in each region, shape (R, C), and the nats gained over a factor of 1."""
-        correction, likelihood = self._correction(place), self._likelihood
+        correction, photo = self._correction(place), self._photo
         # With a factor of 1, it is the correction itself.
-        own, tiles = likelihood.nats(place[0]), self._photo.tiles(place[0])
+        own, tiles = photo.nats(place[0]), photo.tiles(place[0])
         assert own is not None, "the log describes the exposure"
         others = np.flatnonzero(factors != 1)
-        moved = [likelihood.recording.corrected(_scaled(correction, factor)) for factor in factors[others].tolist()]
-        fits = share_map(likelihood.spectra.fit, moved, self._score.threads)
-        falls = NATS_PER_FALL * (np.stack(share_map(self._photo.quick.tiles, moved, self._score.threads)) - tiles)
+        moved = [photo.recording.corrected(_scaled(correction, factor)) for factor in factors[others].tolist()]
+        fits = share_map(photo.picture.spectra.fit, moved, self._score.threads)
+        falls = NATS_PER_FALL * (np.stack(share_map(photo.picture.quick.tiles, moved, self._score.threads)) - tiles)
         costs = np.zeros((len(factors), len(tiles)))
         for n, fall, fit in zip(others.tolist(), falls, fits, strict=True):
-            costs[n] = fall - np.bincount(self._region, likelihood.leads(fit.nats, own), len(fall))
+            costs[n] = fall - np.bincount(self._region, photo.leads(fit.nats, own), len(fall))
         labels, total = _alike(costs.reshape(len(factors), len(self._centres[0]), -1), factors)
         return factors[labels], -total
 

@@ -6,7 +6,6 @@ Corrections are places of a :class:`rsdeblur.estimate.posterior.Posterior`; scor
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 from itertools import starmap
 from typing import NamedTuple
@@ -72,37 +71,37 @@ class Corrected:
         return 1.0 / (1.0 + float(np.exp((EVEN_SCORE - self.score) / SCORE_SCALE))) if self.place.any() else 0.0
 
 
-class Photo:
-    """Measures of one photo: the likelihood of corrections by its spectra, its light streaks and its sharp pictures.
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A blurred photo and what measures motions by it.
 
-    `light` is linear, shape (H, W), of the picture as stored, or already reduced. What was measured of a row of a place
-    is kept.
+    `light` is linear, shape (H, W), as stored or already reduced; `recording` is the one given.
     """
 
-    def __init__(self, light: NDArray[np.float32], likelihood: PhotoLikelihood, streaks: LightStreaks) -> None:
-        self._light, self._recording, self.streaks = light, likelihood.recording, streaks
-        self.quick = QuickSharpness(light, self._recording)
-        self._measure(likelihood)
-
-    def under(self, recording: Recording, deviations: FloatArray) -> Photo:
-        """Return the same measures for corrections of another recording."""
-        other = copy(self)
-        other._measure(PhotoLikelihood(self.likelihood.spectra, recording, deviations))
-        return other
-
-    def _measure(self, likelihood: PhotoLikelihood) -> None:
-        self.likelihood = likelihood
-        #: How much likelier the light streaks are than under no motion that explains them.
-        self.streak_nats = kept(lambda row: self.streaks.nats(likelihood.corrected(row)))
-        #: :meth:`rsdeblur.estimate.sharpness.QuickSharpness.tiles` of a row.
-        self.tiles = kept(lambda row: self.quick.tiles(likelihood.corrected(row)))
-        #: The logarithm of l1 / l2 by the whole solve.
-        self.whole_sparsity = kept(lambda row: self.whole.of(likelihood.corrected(row)))
+    light: NDArray[np.float32]
+    recording: Recording
+    spectra: TileSpectra
+    streaks: LightStreaks
+    quick: QuickSharpness
 
     @once
     def whole(self) -> WholeSharpness:
         """The measure of whole solves, which most photos do not need."""
-        return WholeSharpness(self._light, self._recording)
+        return WholeSharpness(self.light, self.recording)
+
+
+class Photo(PhotoLikelihood):
+    """Measures of corrections of one photo, or of another recording of it; what was measured of a row is kept."""
+
+    def __init__(self, picture: Picture, recording: Recording, deviations: FloatArray) -> None:
+        super().__init__(picture.spectra, recording, deviations)
+        self.picture = picture
+        #: How much likelier the light streaks are than under no motion that explains them.
+        self.streak_nats = kept(lambda row: picture.streaks.nats(self.corrected(row)))
+        #: :meth:`rsdeblur.estimate.sharpness.QuickSharpness.tiles` of a row.
+        self.tiles = kept(lambda row: picture.quick.tiles(self.corrected(row)))
+        #: The logarithm of l1 / l2 by the whole solve.
+        self.whole_sparsity = kept(lambda row: picture.whole.of(self.corrected(row)))
 
     def sparsity(self, row: FloatArray) -> float:
         """Return the logarithm of l1 / l2 by the quick measure; infinite without a motion."""
@@ -112,19 +111,8 @@ class Photo:
             return np.inf
 
 
-class Score:
-    """Scores of corrections of the photos of one recording, in nats.
-
-    `deviations` are the standard deviations of the errors of the recordings as given, shape (8,). Threads share several
-    places; None means all processors.
-    """
-
-    def __init__(self, photos: Sequence[Photo], deviations: FloatArray, threads: int | None) -> None:
-        self.photos, self.deviations, self.threads = list(photos), deviations, threads
-        # Several photos are shared by threads; the starts of a search, by which one photo is shared, are fewer.
-        likelihoods = [photo.likelihood for photo in photos]
-        self.posterior = Posterior(likelihoods, deviations, threads=threads if len(photos) > 1 else 1)
-        self.nothing = self.posterior.nothing
+class Score(Posterior[Photo]):
+    """Scores of corrections of the photos of one recording, in nats."""
 
     @classmethod
     def of_photos(
@@ -136,19 +124,15 @@ class Score:
     ) -> Score:
         """Return the scores by the linear light of each photo (H, W), as stored, or already reduced."""
         pairs = list(zip(lights, recordings, strict=True))
-
-        def likelihood(light: NDArray[np.float32], recording: Recording) -> PhotoLikelihood:
-            return PhotoLikelihood(TileSpectra(light, recording), recording, deviations)
-
         with beside(lambda: list(starmap(LightStreaks, pairs)), threads) as streaks:
-            likelihoods = list(starmap(likelihood, pairs))
-            photos = [Photo(*each) for each in zip(lights, likelihoods, streaks(), strict=True)]
-        return cls(photos, deviations, threads)
+            spectra, quick = list(starmap(TileSpectra, pairs)), list(starmap(QuickSharpness, pairs))
+            pictures = map(Picture, lights, recordings, spectra, streaks(), quick)
+        return cls([Photo(each, each.recording, deviations) for each in pictures], deviations, threads)
 
     def under(self, recordings: Sequence[Recording]) -> Score:
         """Return the scores of corrections of other recordings of the same photos."""
-        pairs = zip(self.photos, recordings, strict=True)
-        return Score([photo.under(each, self.deviations) for photo, each in pairs], self.deviations, self.threads)
+        pairs = zip((photo.picture for photo in self.photos), recordings, strict=True)
+        return Score([Photo(*pair, self.deviations) for pair in pairs], self.deviations, self.threads)
 
     def alone(self, n: int) -> Score:
         """Return the scores by one of the photos alone."""
@@ -163,9 +147,9 @@ class Score:
 
     def spectra_gain(self, place: FloatArray, over: Score | None = None) -> float:
         """Return the part of the spectra in :meth:`gain`."""
-        given = (over or self).posterior.nats(self.nothing)
+        given = (over or self).nats(self.nothing)
         assert given is not None, "the log describes the exposures"
-        return self.posterior.lead(place, given)
+        return self.lead(place, given)
 
     def streak_gain(self, place: FloatArray, over: Score | None = None) -> float:
         """Return the part of the light streaks in :meth:`gain`."""
@@ -177,9 +161,10 @@ class Score:
 
     def falls(self, place: FloatArray, over: Score | None = None) -> FloatArray:
         """Return how much the logarithm of l1 / l2 of each photo falls, shape (N,); `over` is that of :meth:`gain`."""
-        return (over or self)._sparsities(self.nothing) - self._sparsities(place)
+        return (over or self).sparsities(self.nothing) - self.sparsities(place)
 
-    def _sparsities(self, place: FloatArray) -> FloatArray:
+    def sparsities(self, place: FloatArray) -> FloatArray:
+        """Return the logarithm of l1 / l2 of each photo by the quick measure, shape (N,)."""
         return np.array([photo.sparsity(row) for photo, row in zip(self.photos, place, strict=True)])
 
     def over(self, place: FloatArray, other: Score, *, most: float = np.inf) -> float:
@@ -193,7 +178,7 @@ class Score:
     def whole_falls(self, places: Sequence[FloatArray]) -> FloatArray:
         """Return how much the logarithm of l1 / l2 of each photo falls in the whole solve, shape (places, N)."""
         for photo in self.photos:
-            _ = photo.whole  # planned once, not by each thread
+            _ = photo.picture.whole  # planned once, not by each thread
         given, *others = share_map(self.whole_sparsities, [self.nothing, *places], self.threads)
         return given - np.reshape(others, (len(places), len(self.photos)))
 
@@ -216,15 +201,15 @@ class Score:
 
     def cost(self, place: FloatArray) -> float:
         """Return the nats that the numbers of a correction cost."""
-        return NATS_PER_NUMBER * float(np.count_nonzero(self.posterior.numbers(place)))
+        return NATS_PER_NUMBER * float(np.count_nonzero(self.numbers(place)))
 
     def corrected(self, place: FloatArray) -> Corrected:
         """Return a correction with its score."""
-        recordings, fall = self.posterior.recordings(place), float(self.falls(place).mean())
+        recordings, fall = self.recordings(place), float(self.falls(place).mean())
         return Corrected(place, recordings, gain=self.gain(place), fall=fall, score=self.of(place))
 
     def _sum(self, place: FloatArray, fall: float) -> float:
-        return self.together(self.gain(place), fall, self.posterior.recordings(place))
+        return self.together(self.gain(place), fall, self.recordings(place))
 
     def together(self, gain: float, fall: float, recordings: Sequence[Recording]) -> float:
         """Return the score of corrected recordings by their gain and the fall of their sharp pictures."""
@@ -237,7 +222,7 @@ class Score:
 
     @once
     def _given_length(self) -> float:
-        return float(mean_lengths(self.posterior.recordings(self.nothing)).mean())
+        return float(mean_lengths(self.recordings(self.nothing)).mean())
 
 
 def _finite(gain: float) -> float:

@@ -122,7 +122,7 @@ class Search:
 
     def _steps_of(self, place: FloatArray, names: Sequence[str]) -> list[FloatArray]:
         """Return unit steps along those of some parameters that a correction changes."""
-        return [step for step in self._score.posterior.directions(names) if place[step > 0].any()]
+        return [step for step in self._score.directions(names) if place[step > 0].any()]
 
     def _polished(self, place: FloatArray, progress: Progress) -> FloatArray:
         """Return a credible correction, adjusted by the whole solve; unchanged if it would no longer be credible."""
@@ -134,12 +134,12 @@ class Search:
     def _bent(self, place: FloatArray, progress: Progress) -> FloatArray:
         """Return a credible correction, bent by an acceleration; unchanged if the picture does not show one."""
         score = self._score
-        if not set(ACCELERATION) <= set(score.posterior.free):
+        if not set(ACCELERATION) <= set(score.free):
             return place
         least = score.of(place) - score.cost(place) + EVIDENCE
         bent, (both, steps) = place, ADJUSTMENTS["bent"]
         for names, step in zip((ACCELERATION, both), steps, strict=True):
-            bent = adjusted(bent, score.all, score.posterior.directions(names), progress, steps=(step,))
+            bent = adjusted(bent, score.all, score.directions(names), progress, steps=(step,))
             if score.of(bent) - score.cost(bent) < least:
                 return place
         straight, whole = score.all_whole([place, bent])
@@ -152,7 +152,7 @@ class Search:
         least = PROOFS["readout" if changed == {"readout"} else "usual"]
         if score.of(place) < least.score:
             return NOT_CLEAR
-        recordings = score.posterior.recordings(place)
+        recordings = score.recordings(place)
         if np.abs(place).max() > MOST_DEVIATIONS or not all(is_held(each.capture()) for each in recordings):
             return TOO_FAR
         (whole,), quick = score.whole_falls([place]), score.falls(place)
@@ -168,20 +168,20 @@ class Search:
 
     def _candidates(self, progress: Progress) -> list[FloatArray]:
         """Return the best correction of each model, and the best with its numbers alone; the best of all first."""
-        score, posterior = self._score, self._score.posterior
+        score = self._score
         best, most = score.nothing, 0.0
         found = {best.tobytes(): (most, best)}
         tried: list[list[str]] = [[]]
         for n, (names, count) in enumerate(MODELS):
             progress("search", n / len(MODELS))
-            model, last = [name for name in names if name in posterior.free], names is STRAIGHT
+            model, last = [name for name in names if name in score.free], names is STRAIGHT
             # Descents of the last model take long, so it begins at the best place only, if that is worth it.
             if model in tried or (last and most < EVIDENCE):
                 continue
             tried.append(model)
             begin = [best] if last or not best.any() else [score.nothing, best]
             starts = [*begin, *self._starts(model, count)]
-            places = share_map(partial(posterior.descend, free=model), starts, self._score.threads)
+            places = share_map(partial(score.descend, free=model), starts, self._score.threads)
             scores = np.array(score.all(places)) - [score.cost(place) for place in places]
             top = int(scores.argmax())
             others = [name not in model for name in PARAMETERS]
@@ -210,20 +210,20 @@ class Search:
 
     def _grid(self, model: Sequence[str], count: int) -> list[FloatArray]:
         """Return places that are spread over the parameters of a model, `count` values of each; none if it is empty."""
-        steps = self._score.posterior.directions(model)
+        steps = self._score.directions(model)
         values = product(np.linspace(-WIDEST, WIDEST, count), repeat=len(steps))
         return [self._score.nothing + np.tensordot(each, steps, 1) for each in values] if steps else []
 
     def _followed(self, progress: Progress) -> list[FloatArray]:
         """Return the correction that light streaks prefer, and what the spectra and they prefer from there."""
         score, (names, steps) = self._score, ADJUSTMENTS["streaks"]
-        axes = score.posterior.directions(names)
-        if len(score.photos) > 1 or not axes or not score.photos[0].streaks.streaks:
+        axes = score.directions(names)
+        if len(score.photos) > 1 or not axes or not score.photos[0].picture.streaks.streaks:
             return []
 
         def likely(places: Sequence[FloatArray]) -> list[float]:
             return share_map(
-                lambda place: sum(score.streak_nats(place)) - score.posterior.prior(place), places, self._score.threads
+                lambda place: sum(score.streak_nats(place)) - score.prior(place), places, self._score.threads
             )
 
         def gains(places: Sequence[FloatArray]) -> list[float]:
@@ -272,14 +272,14 @@ def adjusted(
 def rival_lead(score: Score, found: Sequence[Recording]) -> float:
     """Return by how many nats the photos are likelier with the best other mounting than with corrected recordings."""
     corrected, lengths = score.under(found), mean_lengths(found)
-    steps = score.posterior.directions(["offset"])
+    steps = score.directions(["offset"])
     shares = (-1.0, -0.5, 0.0, 0.5, 1.0)
     places = [score.nothing + share * WIDEST * steps[0] for share in shares] if steps else [score.nothing]
-    free = [name for name in FREE if name in score.posterior.free]
+    free = [name for name in FREE if name in score.free]
 
     def tried(turn: FloatArray) -> tuple[Score, list[float]]:
         """Return the scores with another mounting, and the leads of its spectra at the places of all offsets."""
-        given = [photo.likelihood.recording for photo in score.photos]
+        given = [photo.recording for photo in score.photos]
         turned = replace(given[0].camera, imu_to_camera=turn @ given[0].camera.imu_to_camera)
         rival = score.under([replace(each, camera=turned) for each in given])
         return rival, [rival.spectra_gain(place, corrected) for place in places]
@@ -287,7 +287,7 @@ def rival_lead(score: Score, found: Sequence[Recording]) -> float:
     def evidence(rival: Score, place: FloatArray) -> float:
         falls = rival.falls(place, corrected)
         # With shorter paths, the corrected recording may be clearer because it removes less blur: that counts little.
-        shorter = lengths < SHORTER * mean_lengths(rival.posterior.recordings(place))
+        shorter = lengths < SHORTER * mean_lengths(rival.recordings(place))
         falls = np.where(shorter, falls.clip(-PROOFS["usual"].fall), falls)
         return rival.gain(place, corrected) + NATS_PER_FALL * float(falls.sum())
 
@@ -295,7 +295,7 @@ def rival_lead(score: Score, found: Sequence[Recording]) -> float:
         compared = [place for place, lead in zip(places, leads, strict=True) if lead >= HOPELESS]
         if free:
             with suppress(*UNDESCRIBED):
-                compared.append(rival.posterior.descend(places[int(np.argmax(leads))], free))
+                compared.append(rival.descend(places[int(np.argmax(leads))], free))
         return max((evidence(rival, place) for place in compared), default=-np.inf)
 
     # Left-handed axes have the spectra of right-handed ones.

@@ -85,19 +85,15 @@ class QuickSharpness:
     def _paths(self, recording: Recording | Capture, rows: FloatArray, cols: FloatArray) -> BlurPaths:
         return BlurPaths.from_capture(captured(recording, self._scale), rows, cols)
 
-    def of(self, recording: Recording) -> float:
-        """Return the mean logarithm of l1 / l2 of the gradient of the sharp tiles; infinite without a motion."""
-        try:
-            return float(self.tiles(recording).sum())
-        except UNDESCRIBED:
-            return np.inf
-
     def tiles(self, recording: Recording) -> FloatArray:
-        """Return what each tile contributes to that mean, shape (N,); errors where the log describes no motion."""
+        """Return what each tile contributes to the mean logarithm of l1 / l2 of the gradient, shape (N,).
+
+        A log that does not describe the motion is an error.
+        """
         return self._under(self._paths(recording, *self._tiles.centres))
 
     def under(self, capture: Capture, motions: Sequence[FloatArray | float], *, threads: int | None) -> list[float]:
-        """Return the measure of :meth:`of` with several motions, which threads share.
+        """Return the mean over the tiles with each of several motions, which threads share.
 
         A motion is a path that all pixels have, px of the upright picture, shape (T, 2), or a factor on the paths.
         """

@@ -177,7 +177,7 @@ class _Answer(NamedTuple):
 
     @property
     def recordings(self) -> list[Recording]:
-        return self.score.posterior.recordings(self.place)
+        return self.score.recordings(self.place)
 
     @property
     def offset(self) -> float:
@@ -213,7 +213,7 @@ class _Clock:
         lead = best.total - max(others, default=-np.inf)
         best = self._searched(best, progress)
         at, given = PARAMETERS.index("offset"), self._given[0].camera.time_offset
-        sd = float(best.score.posterior.spread(best.place)[0, at] * best.score.deviations[at])
+        sd = float(best.score.spread(best.place)[0, at] * best.score.deviations[at])
         reason = AT_END if best.candidate in (0, len(costs) - 1) else self._doubt(best, lead, sd)
         rivals = rival_lead(best.score, best.recordings)
         # What is not sure may still be sure of other axes.
@@ -227,11 +227,11 @@ class _Clock:
 
         The spectra alone find both: neither is known, so neither needs the proof of a correction.
         """
-        camera, posterior = replace(self._given[0].camera, time_offset=best.offset), best.score.posterior
+        camera, score = replace(self._given[0].camera, time_offset=best.offset), best.score
         if not camera.readout_sd:
             return camera
         offset, readout = map(PARAMETERS.index, MOMENT)
-        units, places = best.score.deviations, [best.place]
+        units, places = score.deviations, [best.place]
         for share in (-0.5, 0.0, 0.5):
             place = best.place.copy()
             place[:, readout] += share
@@ -239,12 +239,12 @@ class _Clock:
             later = camera.readout_time * np.expm1(share * units[readout]) / 2
             place[:, offset] += later / units[offset]
             with suppress(*UNDESCRIBED):
-                places.append(posterior.descend(place, MOMENT))
-        nats = posterior.nats(best.place)
+                places.append(score.descend(place, MOMENT))
+        nats = score.nats(best.place)
         assert nats is not None, "the log describes the answer"
-        place = max(places, key=lambda place: posterior.lead(place, nats))
-        found = posterior.recordings(place)[0].camera
-        sd = float(posterior.spread(place)[0, readout] * units[readout]) * found.readout_time
+        place = max(places, key=lambda place: score.lead(place, nats))
+        found = score.recordings(place)[0].camera
+        sd = float(score.spread(place)[0, readout] * units[readout]) * found.readout_time
         sd = min(sd, camera.readout_sd)
         return replace(camera, time_offset=found.time_offset, readout_time=found.readout_time, readout_sd=sd)
 
@@ -266,7 +266,7 @@ class _Clock:
         def nats(n: int) -> list[FloatArray] | None:
             progress("search", n / len(self._shifts))
             shifted = self._score.under(self._shifted(float(self._shifts[n])))
-            return shifted.posterior.nats(shifted.nothing)
+            return shifted.nats(shifted.nothing)
 
         costs = costs_of(share_map(nats, range(len(self._shifts)), self._score.threads))
         least: FloatArray = costs - costs.min()
@@ -282,18 +282,15 @@ class _Clock:
     def _corrected(self, n: int) -> _Answer:
         """Return a candidate, corrected by the spectra and adjusted by the sharp pictures."""
         score = self._score.under(self._shifted(float(self._shifts[n])))
-        posterior = score.posterior
 
         def totals(places: Sequence[FloatArray]) -> list[float]:
-            return share_map(
-                lambda place: score.over(place, self._score) - score.cost(place), places, self._score.threads
-            )
+            return share_map(lambda place: score.over(place, self._score) - score.cost(place), places, score.threads)
 
-        models = [[name for name in names if name in posterior.free] for names in MODELS]
-        places = share_map(lambda model: posterior.descend(score.nothing, model), models, self._score.threads)
+        models = [[name for name in names if name in score.free] for names in MODELS]
+        places = share_map(lambda model: score.descend(score.nothing, model), models, score.threads)
         place = places[int(np.argmax(totals(places)))]
         names, steps = ADJUSTMENTS["offset"]
-        axes = posterior.directions(names)
+        axes = score.directions(names)
         return self._answer(n, score, adjusted(place, totals, axes, lambda *_: None, steps=steps))
 
     def _searched(self, answer: _Answer, progress: Progress) -> _Answer:
