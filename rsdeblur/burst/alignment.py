@@ -73,10 +73,7 @@ class AlignedBurst:
 def aligned(
     frames: Sequence[BurstFrame], reference: int | Auto, clock: StageClock, threads: int | None
 ) -> AlignedBurst:
-    """Fit all frames to the reference, or to the sharpest frame that most others agree with; threads share the frames.
-
-    Most of the work is many steps on small pictures, which threads could not share.
-    """
+    """Fit all frames to the reference, or to the sharpest frame that most others agree with; threads share them."""
     if not validate.is_auto(reference):
         return _fitted(int(reference), frames, clock, threads)
     # A frame of a covered lens expects no error, because it shows nothing; it is no reference.

@@ -205,10 +205,7 @@ class BurstFrame:
         return noise_level(self.grey[..., None])
 
     def light(self, rows: slice, threads: int | None = None) -> tuple[FloatImage, Float32Array]:
-        """Return the linear light of the frame at `rows` of the reference, as bright as that, and its weight there.
-
-        Their shapes are (rows, W, C) and (rows, W). The weight is 0 where the frame does not show the place.
-        """
+        """Return light (rows, W, C) of the frame at `rows` of the reference, as bright, and its weights (rows, W)."""
         assert self.fit is not None
         height, width, channels = self.encoded.shape
         grid = np.arange(float(rows.start), float(rows.stop)), np.arange(float(width))

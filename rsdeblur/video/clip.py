@@ -55,10 +55,6 @@ class Clip:
         Unit of the timestamps, s.
     codec, pixels : str
         FFmpeg's names of the codec and of the pixel format.
-    rate : Fraction
-        Mean number of frames per second.
-    aspect : Fraction, or None
-        Width of a pixel divided by its height, as players show it; None if the video does not say.
     transfer : int
         FFmpeg's number of the transfer characteristic.
     matrix : tuple of 9 int, or None
@@ -73,8 +69,6 @@ class Clip:
     time_base: Fraction
     codec: str
     pixels: str
-    rate: Fraction
-    aspect: Fraction | None
     transfer: int
     matrix: tuple[int, ...] | None
 
@@ -152,8 +146,6 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
             time_base=stream.time_base,
             codec=stream.codec_context.name,
             pixels=first.format.name,
-            rate=stream.average_rate or Fraction(30),
-            aspect=stream.sample_aspect_ratio or None,
             transfer=int(stream.codec_context.color_trc),
             matrix=struct.unpack("9i", bytes(data["DISPLAYMATRIX"])) if "DISPLAYMATRIX" in data else None,
         )
