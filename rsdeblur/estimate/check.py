@@ -124,10 +124,8 @@ def assess(
 
 
 def _not_refuted(evidence: MotionEvidence, threads: int | None) -> dict[str, float]:
-    """Return the leads without those of alternatives that explain the picture better, but make it less clear.
-
-    Straight edges look like a straight blur, or like a smaller motion along them.
-    """
+    """Return the leads without those of alternatives that explain the picture better, but make it less clear."""
+    # Straight edges look like a straight blur, or like a smaller motion along them.
     least = {name: each.refuted for name, each in ALTERNATIVES.items() if each.refuted is not None}
     better = [name for name, lead in evidence.leads.items() if lead < LEAD.doubtful and name in least]
     clearer = evidence.clearer(better, threads)

@@ -44,19 +44,14 @@ LINES = 3.0, 7.0, 15.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionEvidence:
-    """What a blurred picture says of its motion.
+    """What a blurred picture says of its motion."""
 
-    `tiles` is None where they say nothing, and the sentence `unknown` says why. `leads` has the lead of the motion
-    over each alternative, nats per tile. `half_turn` is that of
-    :class:`rsdeblur.estimate.QualityCheck`. `clearer` takes names of straight blurs and other sizes, and a number of
-    threads, and returns how much clearer the sharp picture is with the motion than with each: differences of the
-    logarithm of l1 / l2 of the gradient.
-    """
-
-    tiles: CheckTiles | None = None
-    unknown: str = ""
-    leads: dict[str, float] = field(default_factory=dict)
-    half_turn: float | None = None
+    tiles: CheckTiles | None = None  # None where they say nothing
+    unknown: str = ""  # sentence that says why
+    leads: dict[str, float] = field(default_factory=dict)  # over each alternative, nats per tile
+    half_turn: float | None = None  # that of :class:`rsdeblur.estimate.QualityCheck`
+    # Takes names of straight blurs and other sizes, and a number of threads, and returns how much clearer the sharp
+    # picture is with the motion than with each: differences of the logarithm of l1 / l2 of the gradient.
     clearer: Callable[[Sequence[str], int | None], list[float]] = field(default=lambda names, _: [0.0] * len(names))
 
     @classmethod
@@ -141,10 +136,7 @@ class CheckTiles:
         return reduced, finest
 
     def alternatives(self) -> tuple[dict[str, float], FloatArray]:
-        """Return the lead of the motion over each alternative, and the path of the best straight blur.
-
-        Leads are in nats per tile, the path is in px of the picture, shape (T, 2).
-        """
+        """Return the lead of the motion over each alternative, nats per tile, and the best straight path (T, 2), px."""
         places = [np.arange(len(corners)) * CELL + 1 for corners in self._corners]
         measured = TilePeriodograms(_mosaic(self._blurred), *places)
         shape = tuple(map(len, places))

@@ -104,10 +104,7 @@ class TileSpectra:
         return Fit(expected, *self._periodograms.fit(expected, self._place, threads=1))
 
     def information(self, fit: Fit, slopes: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
-        """Return gradient and Fisher information of every tile, see :func:`rsdeblur.kernels.whittle.information`.
-
-        `slopes` are derivatives of the logarithm of the fit's expected power, shape (Q, K, F).
-        """
+        """Return gradient and information of every tile for `slopes` (Q, K, F), of the log of the expected power."""
         measured = self._periodograms
         tiles = measured.tiles_under(fit.expected, self._place)
         return whittle.information(tiles, slopes, (fit.gains, fit.levels), STIFFNESS)
@@ -115,12 +112,9 @@ class TileSpectra:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Scene and noise fitted to the tiles under one motion, see :func:`rsdeblur.kernels.whittle.fit_gains`.
+    """Scene and noise fitted to the tiles under one motion, see :func:`rsdeblur.kernels.whittle.fit_gains`."""
 
-    `expected` is that of :meth:`TilePeriodograms.expected`, shape (K, F).
-    """
-
-    expected: NDArray[np.float32]
+    expected: NDArray[np.float32]  # that of :meth:`TilePeriodograms.expected`, shape (K, F)
     nats: FloatArray
     gains: FloatArray
     levels: FloatArray
@@ -143,10 +137,7 @@ def kept(measure: Callable[[FloatArray], Measure], most: int | None = None) -> C
 
 
 class PhotoLikelihood:
-    """Likelihood of corrections of one photo by its spectra; corrections are rows of a place.
-
-    `recording` is the one given, `deviations` are those of its errors, shape (8,), in the units of :class:`Correction`.
-    """
+    """Likelihood of corrections of one photo by its spectra; corrections are rows of a place."""
 
     def __init__(self, spectra: TileSpectra, recording: Recording, deviations: FloatArray) -> None:
         self.spectra, self.recording = spectra, recording
@@ -165,10 +156,7 @@ class PhotoLikelihood:
             return None
 
     def leads(self, nats: FloatArray, others: FloatArray) -> FloatArray:
-        """Return how much likelier each tile is with one motion than with another, given the nats of both.
-
-        Tiles are correlated, and none counts for much more than the bound.
-        """
+        """Return how much likelier each tile is with one motion than with another; none counts beyond the bound."""
         bounded: FloatArray = MOST_NATS * np.tanh((others - nats) / MOST_NATS) / self._tiles
         return bounded
 
@@ -201,8 +189,7 @@ OnePhoto = TypeVar("OnePhoto", bound=PhotoLikelihood)
 class Posterior(Generic[OnePhoto]):
     """How likely corrections are, given the photos' spectra and how uncertain the recording is.
 
-    All photos have the same `deviations`, shape (8,), of the errors of their recordings, in the units of
-    :class:`Correction`; 0 for what is known. Threads share several photos or places; None means all processors.
+    `deviations` (8,), in the units of :class:`Correction`, are those of the recordings' errors; 0 for what is known.
     """
 
     def __init__(self, photos: Sequence[OnePhoto], deviations: FloatArray, threads: int | None) -> None:
@@ -281,10 +268,7 @@ class Posterior(Generic[OnePhoto]):
         return spread
 
     def descend(self, place: FloatArray, free: Sequence[str]) -> FloatArray:
-        """Return the local maximum that Fisher scoring reaches with some parameters free, the others as they are.
-
-        Steps are damped and of bounded length.
-        """
+        """Return the local maximum that Fisher scoring, by damped steps of bounded length, reaches with some free."""
         directions = self.directions(free)
         damping, trust = 0.01, TRUST[0]
         for _ in range(STEPS):

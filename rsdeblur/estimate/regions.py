@@ -43,7 +43,10 @@ class DriftByRegion:
     def __init__(self, score: Score) -> None:
         (photo,) = score.photos
         self._score, self._photo, self._centres = score, photo, photo.picture.quick.centres
-        self._region = _nearest(photo.picture.spectra.centres, self._centres)
+        # The region of each tile of the spectra.
+        pairs = zip(photo.picture.spectra.centres, self._centres, strict=True)
+        row, col = (np.abs(np.subtract.outer(at, own)).argmin(axis=1) for at, own in pairs)
+        self._region = np.add.outer(row * len(self._centres[1]), col).ravel()
 
     def best(self, places: Sequence[FloatArray], over: FloatArray | None) -> Corrected | None:
         """Return the best of several corrections, adjusted, with its factors; None where one factor does as well.
@@ -130,10 +133,9 @@ class DriftByRegion:
 def with_factors(
     recording: Recording, correction: Correction, factors: FloatArray, centres: tuple[FloatArray, FloatArray]
 ) -> Recording:
-    """Return the corrected recording with factors on its drift in regions of the upright picture, shape (R, C).
+    """Return a recording without translation, corrected with factors on the drift in regions of the upright picture.
 
-    The recording has no translation. `centres` are those of the rows and columns of regions, as shares of the picture's
-    height and width.
+    `centres` are those of the rows and columns of regions, as shares of the picture's height and width.
     """
     rest = recording.corrected(_scaled(correction, 0.0))
     down, across = (hat_weights(at * STEPS * len(at), STEPS * len(at) + 1) for at in centres)
@@ -149,18 +151,9 @@ def _scaled(correction: Correction, factor: float) -> Correction:
     return replace(correction, **{name: factor * getattr(correction, name) for name in (*DRIFT, *ACCELERATION)})
 
 
-def _nearest(places: tuple[FloatArray, FloatArray], centres: tuple[FloatArray, FloatArray]) -> NDArray[np.intp]:
-    """Return the region of each of the tiles that lie at all pairs of `places`."""
-    row, col = (np.abs(np.subtract.outer(at, own)).argmin(axis=1) for at, own in zip(places, centres, strict=True))
-    region: NDArray[np.intp] = np.add.outer(row * len(centres[1]), col).ravel()
-    return region
-
-
 def _alike(costs: FloatArray, factors: FloatArray) -> tuple[NDArray[np.intp], float]:
-    """Return the labels (R, C) whose costs (L, R, C), with those of differences between neighbours, are least.
-
-    Labels are indices of `factors`. Regions of either colour of a chequerboard change in turn, from several starts.
-    """
+    """Return the labels (R, C), of `factors`, whose costs (L, R, C), with those between neighbours, are least."""
+    # Regions of either colour of a chequerboard change in turn, from several starts.
     count, rows, cols = costs.shape
     apart = np.minimum(np.square(np.subtract.outer(factors, factors)), MOST_SQUARE)
     even = np.add.outer(np.arange(rows), np.arange(cols)) % 2 == 0

@@ -52,18 +52,14 @@ PROOFS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrected:
-    """Corrected recordings, and the score of the correction, nats.
-
-    With factors on the drift, in equal regions of the upright picture, shape (R, C), the drift of the place (N, 8)
-    holds where they are 1. `gain` and `fall` are those of :class:`rsdeblur.estimate.Refinement`.
-    """
+    """Corrected recordings, and the score of the correction, nats; see :class:`rsdeblur.estimate.Refinement`."""
 
     place: FloatArray
     recordings: list[Recording]
     gain: float
     fall: float
     score: float
-    factors: FloatArray | None = None
+    factors: FloatArray | None = None  # on the drift of the place, in regions of the upright picture, shape (R, C)
 
     @property
     def confidence(self) -> float:
@@ -73,13 +69,10 @@ class Corrected:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A blurred photo and what measures motions by it.
+    """A blurred photo and what measures motions by it."""
 
-    `light` is linear, shape (H, W), as stored or already reduced; `recording` is the one given.
-    """
-
-    light: NDArray[np.float32]
-    recording: Recording
+    light: NDArray[np.float32]  # linear, shape (H, W), as stored or already reduced
+    recording: Recording  # as given
     spectra: TileSpectra
     streaks: LightStreaks
     quick: QuickSharpness

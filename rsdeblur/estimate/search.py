@@ -103,14 +103,8 @@ class Search:
         if not near:
             return candidates[0], TOO_FAR if likely else NOT_CLEAR
         # The search found the largest of many falls. The whole solve is free of what favoured them by chance.
-        falls = [
-            np.minimum(score.falls(place), whole).sum()
-            for place, whole in zip(near, score.whole_falls(near), strict=True)
-        ]
-        scores = [
-            score.gain(place) + NATS_PER_FALL * fall - score.cost(place)
-            for place, fall in zip(near, falls, strict=True)
-        ]
+        whole = score.whole_falls(near)
+        scores = [self._by_both(*each) - score.cost(each[0]) for each in zip(near, whole, strict=True)]
         refused, quick = [], ADJUSTMENTS["quick"]
         for n in np.argsort(scores)[::-1]:
             place = adjusted(near[n], score.all, self._steps_of(near[n], quick.names), progress, steps=quick.steps)
@@ -119,6 +113,11 @@ class Search:
                 return self._bent(self._polished(place, progress), progress), reason
             refused.append((place, reason))
         return refused[0]
+
+    def _by_both(self, place: FloatArray, whole: FloatArray) -> float:
+        """Return the score of a correction, if the smaller of both falls of each photo counts."""
+        smaller = np.minimum(whole, self._score.falls(place))
+        return self._score.gain(place) + NATS_PER_FALL * float(smaller.sum())
 
     def _steps_of(self, place: FloatArray, names: Sequence[str]) -> list[FloatArray]:
         """Return unit steps along those of some parameters that a correction changes."""
@@ -149,18 +148,17 @@ class Search:
     def _doubt(self, place: FloatArray) -> str:
         """Return why an adjusted correction is not credible; empty if it is."""
         score, changed = self._score, {PARAMETERS[at] for at in np.nonzero(place)[1].tolist()}
-        least = PROOFS["readout" if changed == {"readout"} else "usual"]
+        least, smaller = PROOFS["readout" if changed == {"readout"} else "usual"], PROOFS["smaller"]
         if score.of(place) < least.score:
             return NOT_CLEAR
         recordings = score.recordings(place)
         if np.abs(place).max() > MOST_DEVIATIONS or not all(is_held(each.capture()) for each in recordings):
             return TOO_FAR
         (whole,), quick = score.whole_falls([place]), score.falls(place)
-        by_both = score.gain(place) + NATS_PER_FALL * np.minimum(whole, quick).sum()
         # The mean of several falls is as certain as a single larger one.
         mean, count = float(whole.mean()), len(whole)
         proof = mean * np.sqrt(count)
-        sharper = proof >= least.fall or (by_both >= PROOFS["smaller"].score and proof >= PROOFS["smaller"].fall)
+        sharper = proof >= least.fall or (self._by_both(place, whole) >= smaller.score and proof >= smaller.fall)
         # The quick measure must not rise; a fall proves less there, as the largest of many.
         if not sharper or quick.sum() < 0:
             return NOT_SHARPER
@@ -238,10 +236,8 @@ class Search:
 
 
 def agree(falls: FloatArray) -> bool:
-    """Return whether the falls of several photos, shape (N,), agree; one alone always does.
-
-    Falls count up to twice their median: a photo that becomes far clearer than the others does not contradict them.
-    """
+    """Return whether the falls of several photos, shape (N,), agree; one alone always does."""
+    # A photo that becomes far clearer than the others does not contradict them.
     count, falls = len(falls), np.minimum(falls, 2 * np.median(falls))
     return count == 1 or bool(falls.mean() > LEAST_AGREEMENT * falls.std(ddof=1) / np.sqrt(count))
 

@@ -86,10 +86,7 @@ class QuickSharpness:
         return BlurPaths.from_capture(captured(recording, self._scale), rows, cols)
 
     def tiles(self, recording: Recording) -> FloatArray:
-        """Return what each tile contributes to the mean logarithm of l1 / l2 of the gradient, shape (N,).
-
-        A log that does not describe the motion is an error.
-        """
+        """Return what each tile contributes to the mean logarithm of l1 / l2 of the gradient, shape (N,)."""
         return self._under(self._paths(recording, *self._tiles.centres))
 
     def under(self, capture: Capture, motions: Sequence[FloatArray | float], *, threads: int | None) -> list[float]:
@@ -115,10 +112,7 @@ class QuickSharpness:
 
 
 class WholeSharpness:
-    """How concentrated the gradient of the sharp picture is under several motions, by the solve of the whole picture.
-
-    Arguments are those of :class:`QuickSharpness`.
-    """
+    """How concentrated the gradient of the sharp picture is under several motions, if the whole picture is solved."""
 
     def __init__(self, light: FloatImage, recording: Recording) -> None:
         self._scale = scale_of(recording.camera)
@@ -235,9 +229,7 @@ def _faded(tiles: NDArray[np.float32], axis: int, fade: int) -> NDArray[np.float
     rising = np.sin(0.5 * np.pi * (np.arange(fade, dtype=np.float32) + 0.5) / fade) ** 2
     first = rising * tiles[..., :fade] + (1 - rising) * tiles[..., period:]
     # The faded values lie half before the end and half after the beginning.
-    before, faded = fade // 2, np.empty((*tiles.shape[:-1], period), dtype=np.float32)
-    faded[..., period - before :], faded[..., : fade - before] = first[..., :before], first[..., before:]
-    faded[..., fade - before : period - before] = tiles[..., fade:period]
+    faded = np.roll(np.concatenate([first, tiles[..., fade:period]], axis=-1), -(fade // 2), axis=-1)
     return np.moveaxis(faded, -1, axis)
 
 

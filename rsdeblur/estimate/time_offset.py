@@ -22,7 +22,7 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, Correction, Recording, Uncertainty
 from rsdeblur.estimate.posterior import UNDESCRIBED, costs_of
-from rsdeblur.estimate.refine import exposures_of, grey_lights
+from rsdeblur.estimate.refine import grey_lights, longest_of, recordings_of
 from rsdeblur.estimate.score import PROOFS, Score
 from rsdeblur.estimate.search import (
     ADJUSTMENTS,
@@ -37,7 +37,6 @@ from rsdeblur.estimate.search import (
     agree,
     rival_lead,
 )
-from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -147,14 +146,11 @@ def find_time_offset(
     >>> rsdeblur.find_time_offset(image, log, camera, rsdeblur.Exposure(0.25, 0.05)).time_offset  # doctest: +SKIP
     0.0123
     """
-    exposures = exposures_of(exposure)
-    for each in exposures:
-        check_recording(log, camera, each)
+    recordings = recordings_of(log, camera, exposure)
     validate.callback("progress", progress)
     first, last = validate.real_array("search", search, (2,), most=validate.MOST_SECONDS).tolist()
     if last - first < 2 * STEP:
         raise InputError(f"search must span at least {2 * STEP:g} s, got {first:g} to {last:g}")
-    recordings = [Recording(log, camera, each) for each in exposures]
     shifts = reduce(np.intersect1d, (_covered(each, first, last) for each in recordings))
     if len(shifts) == 0:
         raise CoverageError("the log covers the exposures under no offset of the search; widen it, or check the clocks")
@@ -195,8 +191,7 @@ class _Clock:
         threads: int | None,
     ) -> None:
         self._given, self._shifts = recordings, shifts
-        longest = max((each.exposure for each in recordings), key=lambda each: each.duration)
-        deviations = Uncertainty().deviations(recordings[0].camera, longest)
+        deviations = Uncertainty().deviations(recordings[0].camera, longest_of(recordings))
         # Measures need a recording that the log describes: the nearest to the one that is given.
         nearest = float(shifts[np.abs(shifts).argmin()])
         self._score = Score.of_photos(lights, self._shifted(nearest), deviations, threads)
@@ -223,10 +218,8 @@ class _Clock:
         return OffsetSearch(None if reason else offset, offset, sd, lead, reason, given + self._shifts, costs, camera)
 
     def _camera(self, best: _Answer) -> Camera:
-        """Return the camera with the offset of an answer, and with the likeliest readout time where that is a guess.
-
-        The spectra alone find both: neither is known, so neither needs the proof of a correction.
-        """
+        """Return the camera with the offset of an answer, and with the likeliest readout time where that is a guess."""
+        # The spectra alone find both: neither is known, so neither needs the proof of a correction.
         camera, score = replace(self._given[0].camera, time_offset=best.offset), best.score
         if not camera.readout_sd:
             return camera
@@ -307,10 +300,7 @@ class _Clock:
 
 
 def _covered(recording: Recording, first: float, last: float) -> FloatArray:
-    """Return the candidates that the log covers, s; steps are counted from `first`.
-
-    InputError if they span more than `MOST_SEARCH`.
-    """
+    """Return the candidates that the log covers, s, at most `MOST_SEARCH`; steps are counted from `first`."""
     log, camera, exposure = recording.log, recording.camera, recording.exposure
     opens, closes = exposure.span(camera)
     # Camera time minus the log's own time.
