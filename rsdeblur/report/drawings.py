@@ -230,13 +230,7 @@ def picture_uris(pictures: Mapping[str, Display], icc_profile: bytes | None) -> 
     scale = math.sqrt(min(1.0, MOST_PIXELS / pixels, PAGE_PIXELS / (pixels * len(images))))
     size = max(round(images[0].width * scale), 1), max(round(images[0].height * scale), 1)
     reduced = (image if scale == 1.0 else image.resize(size, Image.Resampling.LANCZOS) for image in images)
-    return [_uri(image, subsampling=0, icc_profile=icc_profile or b"") for image in reduced], scale
-
-
-def thumbnail_uri(image: Image.Image, side: int) -> str:
-    """Encode a picture at most `side` px long or wide; 200 photos of 280 px and their results take about 10 MB."""
-    image.thumbnail((side, side))
-    return _uri(image)
+    return [data_uri(image, subsampling=0, icc_profile=icc_profile or b"") for image in reduced], scale
 
 
 def bank_data(bank: PsfBank) -> dict[str, Any]:
@@ -249,21 +243,19 @@ def bank_data(bank: PsfBank) -> dict[str, Any]:
         "cols": np.round(cols, 2).tolist(),
         "kernel": [wide, tall],
         "of": list(bank.kernels.shape[:2]),
-        "atlas": _uri(atlas, kind="png", optimize=True),
+        "atlas": data_uri(atlas, kind="png", optimize=True),
     }
 
 
-def _uri(image: Image.Image, *, kind: str = "jpeg", **options: Any) -> str:
+def data_uri(image: Image.Image, *, kind: str = "jpeg", **options: Any) -> str:
+    """Encode a picture as a data URI."""
     buffer = BytesIO()
     image.save(buffer, kind, quality=92, **options)
     return f"data:image/{kind};base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
 def timeline_svg(times: Sequence[float | None], triage: Triage) -> bytes:
-    """Return an SVG file of the blur of exposures over time, in s, coloured by decision, with both thresholds.
-
-    Exposures whose time is None are not drawn; an unknown blur is drawn at the lower end of the axis.
-    """
+    """Return an SVG file of the blur of exposures over time, in s, None if unknown, coloured by decision."""
     left, top, right, bottom = 56, 34, 944, 316  # of the plot in a drawing of 960 x 360 px
     lengths = np.nan_to_num(triage.lengths, nan=LEAST).clip(LEAST)
     most = 10.0 ** np.ceil(np.log10(max([1.0, 2 * triage.keep, *lengths])))
