@@ -208,8 +208,8 @@ class Posterior(Generic[OnePhoto]):
         """Return the recordings with a correction."""
         return [photo.corrected(row) for photo, row in zip(self.photos, place, strict=True)]
 
-    def directions(self, names: Iterable[str]) -> list[FloatArray]:
-        """Return unit steps of the free ones of some parameters, shape (N, 8): one for each number that differs."""
+    def directions(self, names: Iterable[str], changed_by: FloatArray | None = None) -> list[FloatArray]:
+        """Return unit steps (N, 8) along the numbers of some parameters that are free, and that a place changes."""
         steps = []
         for name in names:
             if name not in self.free:
@@ -217,7 +217,8 @@ class Posterior(Generic[OnePhoto]):
             for photos in [slice(None)] if name in SHARED else range(len(self.photos)):
                 step = np.zeros_like(self.nothing)
                 step[photos, PARAMETERS.index(name)] = 1.0
-                steps.append(step)
+                if changed_by is None or changed_by[step > 0].any():
+                    steps.append(step)
         return steps
 
     def numbers(self, place: FloatArray) -> FloatArray:

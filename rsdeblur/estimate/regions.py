@@ -79,7 +79,7 @@ class DriftByRegion:
 
     def _different(self, places: Sequence[FloatArray]) -> list[FloatArray]:
         """Return the credible corrections with a drift, without those that differ less than the last step."""
-        drift, least = [name in DRIFT for name in PARAMETERS], ADJUSTMENTS["quick"].steps[-1]
+        drift, (_, (*_, least)) = [name in DRIFT for name in PARAMETERS], ADJUSTMENTS["quick"]
         different: list[FloatArray] = []
         for place in places:
             credible = np.abs(place).max() <= MOST_DEVIATIONS and self._score.of(place) >= EVIDENCE
@@ -89,9 +89,9 @@ class DriftByRegion:
 
     def _adjusted(self, place: FloatArray, factors: FloatArray) -> tuple[Corrected, float]:
         """Return a correction and its factors, adjusted in turn, and the nats gained by the factors."""
-        axes = [step for step in self._score.directions(ADJUSTMENTS["quick"].names) if place[step > 0].any()]
-        gain = 0.0
-        for step in ADJUSTMENTS["quick"].steps:
+        names, steps = ADJUSTMENTS["quick"]
+        axes, gain = self._score.directions(names, place), 0.0
+        for step in steps:
             place = adjusted(place, partial(self._scores, factors), axes, lambda *_: None, steps=(step,))
             factors, gain = self._factors(place, FACTORS)
         return self.corrected(factors, place), gain

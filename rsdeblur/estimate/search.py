@@ -11,7 +11,6 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import product, zip_longest
-from typing import NamedTuple
 
 import numpy as np
 
@@ -65,24 +64,18 @@ FREE = ("scale", "offset")
 FITTED = 4
 
 
-class Adjustment(NamedTuple):
-    """Parameters along which parabolas adjust a correction, and their steps, standard deviations."""
-
-    names: tuple[str, ...]
-    steps: tuple[float, ...]
-
-
+# Parameters along which parabolas adjust a correction, and their steps, standard deviations.
 ADJUSTMENTS = {
     # The quick measure of the sharp picture adjusts those of these that are corrected. At last the whole solve adjusts
     # all others with the last step: it finds them more exactly, but on real photos, where the scene has several depths,
     # it leads to drifts that are too long.
-    "quick": Adjustment(("scale", *DRIFT, *ACCELERATION), (0.6, 0.3)),
+    "quick": (("scale", *DRIFT, *ACCELERATION), (0.6, 0.3)),
     # A correction that is accepted may be bent. The first step is along the acceleration alone.
-    "bent": Adjustment((*DRIFT, *ACCELERATION), (1.0, 0.5)),
+    "bent": ((*DRIFT, *ACCELERATION), (1.0, 0.5)),
     # Light streaks begin at the best place of the grid of drifts, or at no correction. The spectra join the last steps.
-    "streaks": Adjustment(("scale", *DRIFT), (0.8, 0.4, 0.2)),
+    "streaks": (("scale", *DRIFT), (0.8, 0.4, 0.2)),
     # The spectra hardly change within a step of the candidates of `find_time_offset`.
-    "offset": Adjustment(("offset",), (0.4, 0.2)),
+    "offset": (("offset",), (0.4, 0.2)),
 }
 
 
@@ -105,9 +98,9 @@ class Search:
         # The search found the largest of many falls. The whole solve is free of what favoured them by chance.
         whole = score.whole_falls(near)
         scores = [self._by_both(*each) - score.cost(each[0]) for each in zip(near, whole, strict=True)]
-        refused, quick = [], ADJUSTMENTS["quick"]
+        refused, (names, steps) = [], ADJUSTMENTS["quick"]
         for n in np.argsort(scores)[::-1]:
-            place = adjusted(near[n], score.all, self._steps_of(near[n], quick.names), progress, steps=quick.steps)
+            place = adjusted(near[n], score.all, score.directions(names, near[n]), progress, steps=steps)
             reason = self._doubt(place)
             if not reason:
                 return self._bent(self._polished(place, progress), progress), reason
@@ -119,14 +112,10 @@ class Search:
         smaller = np.minimum(whole, self._score.falls(place))
         return self._score.gain(place) + NATS_PER_FALL * float(smaller.sum())
 
-    def _steps_of(self, place: FloatArray, names: Sequence[str]) -> list[FloatArray]:
-        """Return unit steps along those of some parameters that a correction changes."""
-        return [step for step in self._score.directions(names) if place[step > 0].any()]
-
     def _polished(self, place: FloatArray, progress: Progress) -> FloatArray:
         """Return a credible correction, adjusted by the whole solve; unchanged if it would no longer be credible."""
         names, steps = ADJUSTMENTS["quick"]
-        others = self._steps_of(place, [name for name in PARAMETERS if name not in names])
+        others = self._score.directions([name for name in PARAMETERS if name not in names], place)
         polished = adjusted(place, self._score.all_whole, others, progress, steps=steps[-1:])
         return place if self._doubt(polished) else polished
 

@@ -92,7 +92,13 @@ class ClipPlan:
         return chroma_of(self.options, self.psf_size, (self.clip.height, self.clip.width, 3))
 
     def frame(self, index: int) -> Plan:
-        """Return the plan of a frame, counted from 0, whose own motion decides its tiles."""
+        """Return the plan of one frame, whose own motion decides its tiles.
+
+        Parameters
+        ----------
+        index : int
+            Number of the frame, from 0.
+        """
         alone = plan(self.log, self.camera, self.exposures[index], self.options)
         return replace(alone, strengths=self.strengths)
 
