@@ -147,10 +147,9 @@ def deblur_burst(
     **options
         Fields of :class:`rsdeblur.Options`, except ``border="unknown"``. ``refine=True`` corrects what all frames
         share, see :func:`rsdeblur.refine`. ``saturation="auto"`` separates highlights in all frames or in none. By
-        default the work uses some 1 GiB in addition to the pictures, and
-        more where the blur of many large frames is so tall that even a few rows need more, or where
-        ``geometry="rectify"``, ``normalize=True`` or a border other than "blend" and "periodic" needs the whole
-        picture at once.
+        default the work uses some 1 GiB in addition to the pictures, and more where the blur of many large frames is
+        very tall, or where ``geometry="rectify"``, ``normalize=True`` or a border other than "blend" and "periodic"
+        needs the whole picture at once.
 
     Returns
     -------

@@ -237,18 +237,13 @@ def _found(score: Score, *, known_axes: bool, progress: Progress) -> tuple[Corre
     """Return the most likely correction, and why it is refused (empty if it is not)."""
     search = Search(score)
     best, reason = search.best(progress)
-    found = score.corrected(best)
-
-    def rivalled(recordings: Sequence[Recording], ahead: float) -> bool:
-        # With wrong axes, a correction may make the motion more like the right one, but never right.
-        return rival_lead(score, recordings) > -ahead
-
-    ahead = AHEAD_OF_AXES
-    if not (reason or known_axes) and rivalled(found.recordings, ahead):
+    found, ahead = score.corrected(best), AHEAD_OF_AXES
+    # With wrong axes, a correction may make the motion more like the right one, but never right.
+    if not (reason or known_axes) and rival_lead(score, found.recordings) > -ahead:
         reason, ahead = OTHER_AXES, AHEAD_BY_FACTORS
     if len(score.photos) == 1 and score.photos[0].recording.translation is None:
         regional = DriftByRegion(score).best([best, *search.candidates], over=None if reason else best)
-        if regional is not None and (known_axes or not (reason and rivalled(regional.recordings, ahead))):
+        if regional and (known_axes or not reason or rival_lead(score, regional.recordings) <= -ahead):
             found, reason = regional, ""
     return found, reason
 

@@ -127,10 +127,6 @@ class Score(Posterior[Photo]):
         pairs = zip((photo.picture for photo in self.photos), recordings, strict=True)
         return Score([Photo(*pair, self.deviations) for pair in pairs], self.deviations, self.threads)
 
-    def alone(self, n: int) -> Score:
-        """Return the scores by one of the photos alone."""
-        return Score([self.photos[n]], self.deviations, self.threads)
-
     def gain(self, place: FloatArray, over: Score | None = None) -> float:
         """Return how much likelier spectra and light streaks are than without a correction, of `over` if it is given.
 

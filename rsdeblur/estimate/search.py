@@ -186,7 +186,8 @@ class Search:
         score = self._score
         if len(score.photos) > 1 and not set(model) & set(SHARED):
             # Numbers that belong to the photo: photos do not depend on each other.
-            alone = [Search(score.alone(n))._starts(model, count) for n in range(len(score.photos))]
+            each_alone = (Score([photo], score.deviations, score.threads) for photo in score.photos)
+            alone = [Search(each)._starts(model, count) for each in each_alone]
             return [np.concatenate(rows) for rows in zip_longest(*alone, fillvalue=score.nothing[:1])]
         places = self._grid(model, count)
         gains = np.array(share_map(score.spectra_gain, places, self._score.threads))

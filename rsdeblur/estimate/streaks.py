@@ -97,21 +97,18 @@ class LightStreaks:
         if not self.streaks:
             return 0.0
         try:
-            lost = 1 - np.square(self.correlations(recording))
+            kernels = PsfBank.from_paths(self._paths(recording), threads=1).kernels
         except UNDESCRIBED:
             return 0.0
-        # The logarithm of a sum: a trail of the motion, or one of anything.
-        return float((MOST_NATS + np.logaddexp(-NATS_PER_LOSS * lost, -MOST_NATS)).sum())
-
-    def correlations(self, recording: Recording) -> FloatArray:
-        """Return the largest correlation of each trail with the PSF there, over shifts and sizes of the thing."""
-        kernels = PsfBank.from_paths(self._paths(recording), threads=1).kernels
         trails = np.stack([_trails(kernels[place], self._side, self._centre) for place in self._places])
         least = LEAST_SEEN * np.square(trails).sum(axis=(2, 3), keepdims=True)
         drawn, squares = (self._spectra(each).conj() for each in (trails, np.square(trails)))
         power = self._near(self._seen * squares)
         rho = self._near(self._values * drawn) / np.sqrt(np.where(power <= least, np.inf, self._power * power))
-        return np.array([max(map(_peak, each)) for each in rho])
+        # The largest correlation of each trail with the PSF there, over shifts and sizes of the thing.
+        lost = 1 - np.square([max(map(_peak, each)) for each in rho])
+        # The logarithm of a sum: a trail of the motion, or one of anything.
+        return float((MOST_NATS + np.logaddexp(-NATS_PER_LOSS * lost, -MOST_NATS)).sum())
 
     def _near(self, product: ComplexArray) -> FloatImage:
         """Return the correlations at all shifts that are near enough."""

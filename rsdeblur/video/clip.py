@@ -129,9 +129,7 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
                 raise FileFormatError(f"{path}: the frames have no timestamps; convert it to MP4 or Matroska first")
             shown.add(packet.pts)
             end = max(end, packet.pts + max(packet.duration or 0, 1))
-        if not shown:
-            raise FileFormatError(f"{path}: the video has no frames")
-        if first is None:
+        if first is None or not shown:
             raise FileFormatError(f"{path}: no frame of the video can be decoded")
         # PyAV 18 iterates over data, 19 over types.
         data = {each.type.name: each for each in (first.side_data[n] for n in range(len(first.side_data)))}
