@@ -35,14 +35,16 @@ FRAME_ERROR_SHARE = 0.03
 RESAMPLING_ERROR = 0.25
 
 
-def measured(splits: Sequence[HighlightSplit], captures: Sequence[Capture], options: Options) -> list[Tuning]:
-    """Measure each frame on its own; threads share the frames."""
+def measured(splits: Sequence[HighlightSplit], captures: Sequence[Capture], options: Options) -> list[BurstFrame]:
+    """Measure each frame on its own, aligned with itself; threads share the frames."""
     noise = None if options.noise == "auto" else options.noise
 
-    def measure(n: int) -> Tuning:
+    def measure(n: int) -> BurstFrame:
         rows, bank = tuned_part(splits[n].encoded.shape, few_psfs(captures[n], threads=1))
         one_filter, continued = options.has_one_psf, options.mode_in_effect != "rowwise"
-        return Tuning.of(splits[n].remainder(rows), bank, noise=noise, one_filter=one_filter, continued=continued)
+        light = splits[n].remainder(rows)
+        tuning = Tuning.of(light, bank, noise=noise, one_filter=one_filter, continued=continued)
+        return BurstFrame(splits[n], captures[n], captures[n], tuning)
 
     # A frame of 12 megapixels takes 0.16 GiB.
     return share_map(measure, range(len(splits)), min(4, thread_count(options.threads)))
@@ -68,45 +70,27 @@ class AlignedBurst:
 
 
 def aligned(
-    splits: Sequence[HighlightSplit],
-    captures: Sequence[Capture],
-    tunings: Sequence[Tuning],
-    reference: int | Auto,
-    clock: StageClock,
-    threads: int | None,
+    frames: Sequence[BurstFrame], reference: int | Auto, clock: StageClock, threads: int | None
 ) -> AlignedBurst:
-    """Fit all frames to the reference, or to the sharpest frame that most others agree with; threads share the frames.
-
-    Most of the work is many steps on small pictures, which threads could not share.
-    """
+    """Fit all frames to the reference, or to the sharpest frame that most others agree with; threads share them."""
     if not validate.is_auto(reference):
-        return _fitted(int(reference), splits, captures, tunings, clock, threads)
+        return _fitted(int(reference), frames, clock, threads)
     # A frame of a covered lens expects no error, because it shows nothing; it is no reference.
-    variances = np.array([split.remainder(slice(None), step=4).var() for split in splits])
+    variances = np.array([frame.split.remainder(slice(None), step=4).var() for frame in frames])
     faint = variances < LEAST_VARIANCE * np.median(variances)
-    energy = float(np.mean([tunings[n].energy for n in np.flatnonzero(~faint).tolist()]))
-    errors = np.array([restoration_error(tuning, energy) for tuning in tunings])
+    energy = float(np.mean([frames[n].tuning.energy for n in np.flatnonzero(~faint).tolist()]))
+    errors = np.array([restoration_error(frame.tuning, energy) for frame in frames])
     errors[faint] = np.inf
     tried = []
     for index in np.argsort(errors, kind="stable").tolist():
-        tried.append(_fitted(index, splits, captures, tunings, clock, threads))
-        if 2 * (len(tried[-1].used) - 1) >= len(splits) - 1:
+        tried.append(_fitted(index, frames, clock, threads))
+        if 2 * (len(tried[-1].used) - 1) >= len(frames) - 1:
             return tried[-1]
     return max(tried, key=lambda burst: len(burst.used))
 
 
-def _fitted(
-    index: int,
-    splits: Sequence[HighlightSplit],
-    captures: Sequence[Capture],
-    tunings: Sequence[Tuning],
-    clock: StageClock,
-    threads: int | None,
-) -> AlignedBurst:
-    frames = [
-        BurstFrame(split, capture, captures[index], tuning)
-        for split, capture, tuning in zip(splits, captures, tunings, strict=True)
-    ]
+def _fitted(index: int, alone: Sequence[BurstFrame], clock: StageClock, threads: int | None) -> AlignedBurst:
+    frames = [replace(frame, reference=alone[index].capture) for frame in alone]
     reference = frames[index]
     height, width, _ = reference.encoded.shape
     # Equally blurred pictures are computed in 8 bands and 4 strips.

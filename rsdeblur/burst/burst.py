@@ -26,7 +26,7 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import burst_captures
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.plan import DeblurResult, refined_together
+from rsdeblur.pipeline.plan import DeblurResult, refined_together, result_of
 from rsdeblur.pipeline.steps import StageClock, judged, solve_chunks, split_highlights
 from rsdeblur.pipeline.tiles import with_mode
 from rsdeblur.types import Float32Array, Progress
@@ -147,10 +147,9 @@ def deblur_burst(
     **options
         Fields of :class:`rsdeblur.Options`, except ``border="unknown"``. ``refine=True`` corrects what all frames
         share, see :func:`rsdeblur.refine`. ``saturation="auto"`` separates highlights in all frames or in none. By
-        default the work uses some 1 GiB in addition to the pictures, and
-        more where the blur of many large frames is so tall that even a few rows need more, or where
-        ``geometry="rectify"``, ``normalize=True`` or a border other than "blend" and "periodic" needs the whole
-        picture at once.
+        default the work uses some 1 GiB in addition to the pictures, and more where the blur of many large frames is
+        very tall, or where ``geometry="rectify"``, ``normalize=True`` or a border other than "blend" and "periodic"
+        needs the whole picture at once.
 
     Returns
     -------
@@ -186,8 +185,13 @@ def deblur_burst(
     if not validate.is_auto(reference):
         reference = validate.count("reference", reference, minimum=0, maximum=len(images) - 1)
     clock = StageClock(validate.callback("progress", progress))
-    refinement = _refinement(images, log, camera, exposures, chosen, progress) if chosen.refine else None
-    if refinement is not None:
+    refinement = None
+    if chosen.refine:
+        # The most blurred frames determine the correction best.
+        lengths = [ReadoutFrame(camera).capture(log, each, chosen.translation).mean_length for each in exposures]
+        most = sorted(np.argsort(lengths, kind="stable")[-REFINED_FRAMES:].tolist())
+        pictures, times = [images[n] for n in most], [exposures[n] for n in most]
+        refinement = refined_together(pictures, log, camera, times, chosen, progress)
         log, camera, chosen = refinement.log, refinement.camera, replace(chosen, refine=False)
     frame = ReadoutFrame(camera)
     encoded = [EncodedImage.of(image, chosen.transfer, frame) for image in images]
@@ -199,9 +203,9 @@ def deblur_burst(
     chosen = with_mode(chosen, captures)
     splits = split_highlights(encoded, chosen, captures, clock)
     with clock.stage("tune"):
-        tunings = measured(splits, captures, chosen)
+        frames = measured(splits, captures, chosen)
     with clock.stage("align"):
-        burst = aligned(splits, captures, tunings, reference, clock, chosen.threads)
+        burst = aligned(frames, reference, clock, chosen.threads)
     with clock.stage("psfs"):
         solution = BurstSolution.of(burst, chosen)
     first, meter = burst.reference, UndershootMeter(burst.reference.encoded.shape[0])
@@ -209,43 +213,15 @@ def deblur_burst(
     evidence = partial(MotionEvidence.of_burst, pairs, threads=chosen.threads)
     coverage = solve_chunks(first.split, upright, solution, clock, meter=meter, capture=first.capture)
     check = judged(first.encoded, upright, evidence, meter, chosen, clock)
-    bank, strengths = solution.bank, solution.strengths
+    psfs, coverage = frame.bank(solution.bank), frame.back(coverage)
     shares = dict(zip(burst.used, solution.shares, strict=True))
     return BurstResult(
-        DeblurResult(
-            image=out,
-            transfer=first.encoded.transfer,
-            psfs=frame.bank(bank),
-            bands=len(upright) if chosen.mode_in_effect == "rowwise" else bank.kernels.shape[0],
-            strips=bank.kernels.shape[1],
-            nsr=strengths.nsr,
-            weight=strengths.weight,
-            coverage=frame.back(coverage),
-            timings=clock.timings,
-            check=check,
-            noise=strengths.noise,
-            mode=chosen.mode_in_effect,
-        ),
+        result_of(out, first.encoded, solution, psfs=psfs, coverage=coverage, check=check, timings=clock.timings),
         burst.index,
         tuple(_use(burst, n, shares.get(n, 0.0), frame) for n in range(len(images))),
         chosen.mode_in_effect,
         refinement,
     )
-
-
-def _refinement(
-    images: Sequence[ArrayLike],
-    log: GyroLog,
-    camera: Camera,
-    exposures: Sequence[Exposure],
-    options: Options,
-    progress: Progress | None,
-) -> Refinement:
-    """Return the correction of the recording by the most blurred frames, which determine it best."""
-    lengths = [ReadoutFrame(camera).capture(log, each, options.translation).mean_length for each in exposures]
-    chosen = sorted(np.argsort(lengths, kind="stable")[-REFINED_FRAMES:].tolist())
-    pictures, times = [images[n] for n in chosen], [exposures[n] for n in chosen]
-    return refined_together(pictures, log, camera, times, options, progress)
 
 
 def check_burst(
@@ -277,5 +253,5 @@ def _use(burst: AlignedBurst, index: int, share: float, frame: ReadoutFrame) -> 
         weights = np.ones(own.grey.shape, dtype=np.float32)
         return FrameUse(share, 1.0, 1.0, 0.0, noise, blur, frame.back(weights))
     fit = own.fit
-    shift = own.factor * float(np.sqrt(np.square(fit.shift).sum(axis=-1).mean()))
+    shift = own.factor * float(np.sqrt(np.square(fit.shift).sum(axis=0).mean()))
     return FrameUse(share, fit.support, fit.gain, shift, noise * fit.gain, blur, frame.back(own.shown_weights))

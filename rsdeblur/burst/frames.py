@@ -53,8 +53,7 @@ class FrameFit:
     """How a frame of a burst fits the reference."""
 
     gain: float  # brightness in units of the reference's
-    # Residual shift (x, y) in px of the reduced picture (h, w, 2): what the motion leaves unexplained.
-    shift: Float32Array
+    shift: Float32Array  # what the motion leaves unexplained, (x, y) in px of the reduced picture (2, h, w)
     weights: Float32Array  # from 0 to 1, at each pixel of the reduced reference (h, w)
     support: float  # mean weight over the reference's detail, from 0 to 1
     # Mean square of the errors of both paths together, px^2 of the reduced picture: what is left of the difference
@@ -65,12 +64,13 @@ class FrameFit:
 def _residual_shift(
     frame: Float32Array, reference: Float32Array, known: Float32Array, blur: float
 ) -> tuple[Float32Array, float]:
-    """Return the shift (h, w, 2) of the frame in px, and its gain; `blur` is as for both PSFs together, px^2."""
-    shift: Float32Array = np.zeros((1, 1, 2), dtype=np.float32)
+    """Return the shift (2, h, w) of the frame in px, and its gain; `blur` is as for both PSFs together, px^2."""
+    shift: Float32Array = np.zeros((2, 2, 2), dtype=np.float32)
     gain, last = 1.0, 1
     for (smoothing, part), here, there in zip(LEVELS, _smoothed(reference), _smoothed(frame), strict=True):
         step = round(smoothing)
-        shift = start = _resized(shift, here.shape, step / last)
+        rows, cols = (step / last * np.arange(n) for n in here.shape)
+        shift = start = _interpolated(shift, rows, cols) / np.float32(step / last)
         radius = None if part is None else round(max(8, part * min(reference.shape)) / step)
         count = here.size if radius is None else (2 * radius + 1) ** 2
         # Differences are alike over an area, so a window counts as so many times fewer pixels.
@@ -98,13 +98,6 @@ def _smoothed(picture: Float32Array) -> list[Float32Array]:
     return pictures[::-1]
 
 
-def _resized(shift: Float32Array, shape: tuple[int, ...], step: float) -> Float32Array:
-    """Return a shift field (h, w, 2), in px of its grid, on another grid whose pixels are `step` of these long."""
-    places = [step * each for each in np.indices(shape)]
-    resized = [ndimage.map_coordinates(part, places, order=1, mode="nearest") for part in np.moveaxis(shift, -1, 0)]
-    return np.stack(resized, axis=-1).astype(np.float32) / np.float32(step)
-
-
 def _gain(here: Float32Array, moved: Float32Array, known: Float32Array) -> float:
     """Return the median ratio of the shifted frame to the reference, which no moving thing can change."""
     bright = (known > 0) & (here > LEAST_BRIGHT * here.mean())
@@ -122,10 +115,10 @@ def _newton_step(
     prior: float,
     distance: Float32Array,
 ) -> NDArray[np.floating]:
-    """Return the step of Newton's method (h, w, 2) from the frame `moved` so far towards the reference, px.
+    """Return the step of Newton's method (2, h, w) from the frame `moved` so far towards the reference, px.
 
     `mean` averages over windows. `prior` times the unexplained difference is the weight of the coarser level's shift,
-    from which the present one has the `distance` (h, w, 2).
+    from which the present one has the `distance` (2, h, w).
     """
     dy, dx = np.gradient(here)
     difference = here - moved
@@ -137,10 +130,9 @@ def _newton_step(
     # A little of the trace keeps windows with one direction solvable. What no shift explains counts as noise.
     weight = left * prior
     ridge = weight + 0.02 * 0.5 * (xx + yy) + 1e-20
-    x, y = x - weight * distance[..., 0], y - weight * distance[..., 1]
+    x, y = x - weight * distance[0], y - weight * distance[1]
     xx, yy = xx + ridge, yy + ridge
-    step: NDArray[np.floating] = np.stack([yy * x - xy * y, xx * y - xy * x], axis=-1)
-    return step / (xx * yy - xy * xy)[..., None]
+    return np.stack([yy * x - xy * y, xx * y - xy * x]) / (xx * yy - xy * xy)
 
 
 def _window_mean(radius: int | None) -> Callable[[NDArray[np.floating]], NDArray[np.floating]]:
@@ -152,11 +144,9 @@ def _window_mean(radius: int | None) -> Callable[[NDArray[np.floating]], NDArray
 
 
 def _sampled(picture: Float32Array, shift: Float32Array) -> Float32Array:
-    """Return a picture (h, w) at places that differ from its pixels by `shift` (h, w, 2), linearly interpolated."""
-    y, x = np.indices(picture.shape, dtype=np.float32)
-    values: Float32Array = ndimage.map_coordinates(
-        picture, [y + shift[..., 1], x + shift[..., 0]], order=1, mode="nearest", output=np.float32
-    )
+    """Return a picture (h, w) at places that differ from its pixels by `shift` (2, h, w), linearly interpolated."""
+    places = np.indices(picture.shape, dtype=np.float32) + shift[::-1]
+    values: Float32Array = ndimage.map_coordinates(picture, places, order=1, mode="nearest", output=np.float32)
     return values
 
 
@@ -181,14 +171,15 @@ class BurstFrame:
 
     @once
     def offsets(self) -> Float32Array:
-        """Place in the frame minus place in the reference, (x, y) in px, at nodes `NODE_STEP` px apart (m, n, 2)."""
+        """Place in the frame minus place in the reference, (x, y) in px, at nodes `NODE_STEP` px apart (2, m, n)."""
         rows, cols = (np.arange(0.0, n + NODE_STEP, NODE_STEP) for n in self.encoded.shape[:2])
         points = np.stack(np.meshgrid(cols, rows), axis=-1)
         moved = points
         if self.fit is not None:
-            shift = [_interpolated(part, *self._reduced(rows, cols)) for part in np.moveaxis(self.fit.shift, -1, 0)]
-            moved = points + self.factor * np.stack(shift, axis=-1)
-        values: Float32Array = (places(self.capture, self.reference, moved) - points).astype(np.float32)
+            shift = _interpolated(self.fit.shift, *self._reduced(rows, cols))
+            moved = points + self.factor * np.moveaxis(shift, 0, -1)
+        offsets = places(self.capture, self.reference, moved) - points
+        values: Float32Array = np.moveaxis(offsets, -1, 0).astype(np.float32)
         return values
 
     @once
@@ -219,16 +210,13 @@ class BurstFrame:
         return noise_level(self.grey[..., None])
 
     def light(self, rows: slice, threads: int | None = None) -> tuple[FloatImage, Float32Array]:
-        """Return the linear light of the frame at `rows` of the reference, as bright as that, and its weight there.
-
-        Their shapes are (rows, W, C) and (rows, W). The weight is 0 where the frame does not show the place.
-        """
+        """Return light (rows, W, C) of the frame at `rows` of the reference, as bright, and its weights (rows, W)."""
         assert self.fit is not None
         height, width, channels = self.encoded.shape
         grid = np.arange(float(rows.start), float(rows.stop)), np.arange(float(width))
         x, y = self._places(*grid)
         seen = self._shows(x, y)
-        weights = _interpolated(self.fit.weights, *self._reduced(*grid)) * seen
+        weights = _interpolated(self.fit.weights[None], *self._reduced(*grid))[0] * seen
         if not seen.any():
             return np.zeros((*x.shape, channels), dtype=np.float32), weights
         top = max(int(y[seen].min()) - SPLINE_ROWS, 0)
@@ -252,7 +240,7 @@ class BurstFrame:
 
     def _places(self, rows: NDArray[np.floating], cols: NDArray[np.floating]) -> tuple[Float32Array, Float32Array]:
         """Return the places x and y in the frame of a grid of the reference, each of shape (len(rows), len(cols))."""
-        x, y = (_interpolated(part, rows / NODE_STEP, cols / NODE_STEP) for part in np.moveaxis(self.offsets, -1, 0))
+        x, y = _interpolated(self.offsets, rows / NODE_STEP, cols / NODE_STEP)
         return x + cols.astype(np.float32), y + rows.astype(np.float32)[:, None]
 
     def _reduced_places(self) -> tuple[Float32Array, Float32Array]:
@@ -306,10 +294,11 @@ class BurstFrame:
         return FrameFit(gain, shift, weights, support, max(left, 0.0) / max(float((trust * slope).sum()), tiny))
 
 
-def _interpolated(values: Float32Array, rows: NDArray[np.floating], cols: NDArray[np.floating]) -> Float32Array:
-    """Return `values` on a grid of places, linearly interpolated; beyond the edges the nearest value."""
-    nodes = [np.arange(n, dtype=np.float64) for n in values.shape]
-    return np.asarray(RectBivariateSpline(nodes[0], nodes[1], values, kx=1, ky=1)(rows, cols), dtype=np.float32)
+def _interpolated(fields: Float32Array, rows: NDArray[np.floating], cols: NDArray[np.floating]) -> Float32Array:
+    """Return `fields` (N, h, w) on a grid of places, linearly interpolated; beyond the edges the nearest value."""
+    down, across = (np.arange(n, dtype=np.float64) for n in fields.shape[1:])
+    splines = [RectBivariateSpline(down, across, field, kx=1, ky=1) for field in fields]
+    return np.array([spline(rows, cols) for spline in splines], dtype=np.float32)
 
 
 def reduced_bank(paths: BlurPaths, factor: int) -> PsfBank:

@@ -35,10 +35,7 @@ MEMORY, ABOVE_LEAST = 1 << 30, {"global": 1.1, "banded": 1.1, "rowwise": 1.25}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BurstSolution(PictureSolver):
-    """Solver of the frames of a burst together; the reference comes first.
-
-    The PSFs of all frames have one size, so chunks reach as far as those of any frame; `bank` is that of the reference.
-    """
+    """Solver of the frames of a burst, with PSFs of one size; the reference comes first, and `bank` is its own."""
 
     frames: tuple[BurstFrame, ...] = ()
     banks: tuple[PsfBank, ...] = ()
@@ -127,12 +124,10 @@ class BurstSolution(PictureSolver):
     def _lights(
         self, chunk: Chunk, banks: Sequence[PsfBank], light: FloatImage, single: FloatImage
     ) -> Iterator[FloatImage]:
-        """Yield the light of all frames at the rows of a chunk of the reference, that of the reference first.
-
-        Where another frame does not show its scene, pixels are those that `single`, the reference's own solution,
-        predicts. So they neither help nor harm, and priors see whole pictures.
-        """
+        """Yield the light of all frames at the rows of a chunk of the reference, that of the reference first."""
         yield light
+        # Where another frame does not show its scene, pixels are those that `single`, the reference's own solution,
+        # predicts. So they neither help nor harm, and priors see whole pictures.
         threads = self.options.threads
         for frame, bank in zip(self.frames[1:], banks[1:], strict=True):
             shown, weights = frame.light(chunk.source, threads)

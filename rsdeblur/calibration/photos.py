@@ -21,7 +21,7 @@ from rsdeblur.calibration.result import CONFIDENT, Calibration, Estimate, confid
 from rsdeblur.choices import READOUT_DIRECTIONS, Auto, Transfer
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.estimate.correction import DRIFT, PARAMETERS, SHARED, Recording, Uncertainty
-from rsdeblur.estimate.posterior import Posterior, costs_of
+from rsdeblur.estimate.posterior import costs_of
 from rsdeblur.estimate.refine import grey_lights
 from rsdeblur.estimate.score import Score
 from rsdeblur.estimate.sharpness import NATS_PER_FALL
@@ -135,7 +135,7 @@ def calibrate_photos(
 class _Fit(NamedTuple):
     """A correction fitted to the photos, the recordings with it, and log l1 / l2 of each sharp picture's gradient."""
 
-    posterior: Posterior
+    score: Score
     place: FloatArray
     recordings: list[Recording]
     clear: FloatArray
@@ -147,10 +147,10 @@ class _Fit(NamedTuple):
 
     def leads(self, other: _Fit) -> FloatArray:
         """Return how much more likely each photo is than with another fit, read along the same axis, nats."""
-        posterior, place = self.posterior, self.place
-        spectra = posterior.photo_leads(place, other.posterior.nats(other.place) or [])
+        score, place = self.score, self.place
+        spectra = score.photo_leads(place, other.score.nats(other.place) or [])
         # The prior of the fit is shared out among the photos.
-        return spectra - posterior.prior(place) / len(place) + NATS_PER_FALL * (other.clear - self.clear)
+        return spectra - score.prior(place) / len(place) + NATS_PER_FALL * (other.clear - self.clear)
 
 
 class _Photos:
@@ -163,46 +163,35 @@ class _Photos:
         self._deviations = START.deviations(slowest, recordings[0].exposure)
         self._scores: dict[bool, Score] = {}
 
-    def _score(self, camera: Camera) -> Score:
-        """Return the measures of the photos in the upright frame of a camera."""
+    def _score(self, recordings: Sequence[Recording]) -> Score:
+        """Return the scores of corrections of recordings of the photos."""
+        camera = recordings[0].camera
         key = camera.horizontal_readout
         if key not in self._scores:
             # The start's offset, for which the logs describe the exposures.
             start = replace(self._start, readout_direction=camera.readout_direction)
-            recordings = [replace(each, camera=start) for each in self._recordings]
-            self._scores[key] = Score.of_photos(self._lights, recordings, self._deviations, None)
-        return self._scores[key]
+            given = [replace(each, camera=start) for each in self._recordings]
+            self._scores[key] = Score.of_photos(self._lights, given, self._deviations, None)
+        return self._scores[key].under(recordings)
 
-    def _posterior(self, camera: Camera) -> Posterior:
-        recordings = [replace(recording, camera=camera) for recording in self._recordings]
-        return self._score(camera).under(recordings).posterior
+    def _mounted_by(self, camera: Camera) -> Score:
+        return self._score([replace(recording, camera=camera) for recording in self._recordings])
 
     def _fit(self, camera: Camera, free: Sequence[str] = SHARED) -> _Fit:
         """Fit corrections of a camera."""
-        posterior = self._posterior(camera)
-        place = posterior.descend(posterior.nothing, free) if free else posterior.nothing
-        recordings = posterior.recordings(place)
-        return _Fit(posterior, place, recordings, self._clear(recordings))
-
-    def _clear(self, recordings: Sequence[Recording]) -> FloatArray:
-        photos = self._score(recordings[0].camera).photos
-        return np.array([photo.quick.of(each) for photo, each in zip(photos, recordings, strict=True)])
+        score = self._mounted_by(camera)
+        place = score.descend(score.nothing, free) if free else score.nothing
+        return _Fit(score, place, score.recordings(place), score.sparsities(place))
 
     def _ranked(self, cameras: Sequence[Camera]) -> list[Camera]:
         """Return the cameras under which the logs describe the exposures, the likeliest by the spectra first."""
-        described, every = [], []
-        for camera in cameras:
-            posterior = self._posterior(camera)
-            nats = posterior.nats(posterior.nothing)
-            if nats is not None:
-                described.append(camera)
-                every.append(nats)
-        if not described:
+        scores = map(self._mounted_by, cameras)
+        costs = costs_of([score.nats(score.nothing) for score in scores])
+        if not np.isfinite(costs).any():
             raise CoverageError(
                 "the logs cover the exposures under no offset of the search; widen it, or check the clocks"
             )
-        costs = sum(costs_of(np.array(photo)) for photo in zip(*every, strict=True))
-        return [described[place] for place in np.argsort(costs, kind="stable")]
+        return [cameras[n] for n in np.argsort(costs, kind="stable") if np.isfinite(costs[n])]
 
     def calibration(self, search: tuple[float, float]) -> Calibration:
         """Search, fit and judge."""
@@ -265,7 +254,8 @@ class _Photos:
         """Return how much more likely each photo is with a fit than with every path reversed, as a mirrored log has."""
         logs = [GyroLog(each.log.t, -each.log.omega, each.log.epoch_ns) for each in fit.recordings]
         mirrored = [replace(each, log=log) for each, log in zip(fit.recordings, logs, strict=True)]
-        return NATS_PER_FALL * (self._clear(mirrored) - fit.clear)
+        score = self._score(mirrored)
+        return NATS_PER_FALL * (score.sparsities(score.nothing) - fit.clear)
 
     def _determined(self, fit: _Fit, *, directed: bool) -> tuple[Camera, dict[str, Estimate]]:
         """Return the camera, with the start's value of all that the photos do not determine, and the numbers."""
@@ -275,7 +265,7 @@ class _Photos:
         while True:
             free = tuple(name for name in free if name != worst)
             fit = self._fit(_without(fit.camera, worst, self._start), free)
-            deviations = fit.posterior.spread(fit.place, free)[0] * self._deviations
+            deviations = fit.score.spread(fit.place, free)[0] * self._deviations
             softness = SOFTNESS_ERROR / np.mean([each.capture().mean_length for each in fit.recordings])
             # s or shares, with the errors that all photos share.
             errors = {

@@ -33,10 +33,8 @@ class Alternative(NamedTuple):
     """What is said where an alternative explains the picture better, and when that does not count."""
 
     hint: str
-    is_harmless: bool = False
-    """Whether it does not make a result bad."""
-    refuted: float | None = None
-    """How much smaller log l1 / l2 must be with the motion, so that the alternative is not even doubtful."""
+    is_harmless: bool = False  # does not make a result bad
+    refuted: float | None = None  # not even doubtful where log l1 / l2 is so much smaller with the motion
 
 
 # Lead of the motion over the best alternative, nats per tile; light below black as a share of the picture's contrast;
@@ -127,10 +125,8 @@ def best_alternative(evidence: MotionEvidence, threads: int | None) -> tuple[str
 
 
 def _not_refuted(evidence: MotionEvidence, threads: int | None) -> dict[str, float]:
-    """Return the leads without those of alternatives that explain the picture better, but make it less clear.
-
-    Straight edges look like a straight blur, or like a smaller motion along them.
-    """
+    """Return the leads without those of alternatives that explain the picture better, but make it less clear."""
+    # Straight edges look like a straight blur, or like a smaller motion along them.
     least = {name: each.refuted for name, each in ALTERNATIVES.items() if each.refuted is not None}
     better = [name for name, lead in evidence.leads.items() if lead < LEAD.doubtful and name in least]
     clearer = evidence.clearer(better, threads)

@@ -139,10 +139,8 @@ class Uncertainty:
 
         Parameters
         ----------
-        camera : Camera
-            Camera of the picture as stored. Without a readout, its readout time is known.
-        exposure : Exposure
-            The exposure. If it is too short to show accelerations, there are none.
+        camera, exposure
+            The recording. Without a readout, its time is known; short exposures show no acceleration.
 
         Returns
         -------
@@ -161,10 +159,7 @@ class Uncertainty:
 
 
 def uncertainty_of(given: Uncertainty | None, free: str | Collection[str] | None, default: Uncertainty) -> Uncertainty:
-    """Return what a caller gives as `uncertainty` and `free`: `default`, if nothing, with 0 for what is not free.
-
-    InputError if it is no uncertainty, `free` has other names than the fields, or nothing is left to refine.
-    """
+    """Return what a caller gives as `uncertainty` and `free`: `default`, if nothing, with 0 for what is not free."""
     uncertainty = default if given is None else validate.instance("uncertainty", given, Uncertainty)
     if free is None:
         return uncertainty

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share, share_map
-from rsdeblur.estimate.sharpness import SIDE, QuickSharpness
+from rsdeblur.estimate.sharpness import SIDE, QuickSharpness, captured
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.kernels.raster import rasterize
-from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
 from rsdeblur.tuning.noise import DIRECTIONS, TILE, TilePeriodograms, noise_level
@@ -35,6 +34,9 @@ LEAST_DETAIL = 2.0
 CELL = TILE + 1
 # Mean length of the paths, px, below which a blur cannot be distinguished from the softness of a lens.
 SHORT = 3.0
+# Shorter side, px, from which pictures tell a motion from half a turn of it. With right motions, `half_turn` reached
+# 0.03 in pictures of 66 to 100 px, and 0.008 in larger ones.
+LEAST_TURNED = 160
 # Alternatives: the motion's size, and lengths of straight blurs, px, in every other direction of the spectra.
 SIZES = (0.5, 0.7, 1.4, 2.0)
 LINES = 3.0, 7.0, 15.0
@@ -42,19 +44,14 @@ LINES = 3.0, 7.0, 15.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionEvidence:
-    """What a blurred picture says of its motion.
+    """What a blurred picture says of its motion."""
 
-    `tiles` is None where they say nothing, and the sentence `unknown` says why. `leads` has the lead of the motion
-    over each alternative, nats per tile. `half_turn` is that of
-    :class:`rsdeblur.estimate.QualityCheck`. `clearer` takes names of straight blurs and other sizes, and a number of
-    threads, and returns how much clearer the sharp picture is with the motion than with each: differences of the
-    logarithm of l1 / l2 of the gradient.
-    """
-
-    tiles: CheckTiles | None = None
-    unknown: str = ""
-    leads: dict[str, float] = field(default_factory=dict)
-    half_turn: float | None = None
+    tiles: CheckTiles | None = None  # None where they say nothing
+    unknown: str = ""  # sentence that says why
+    leads: dict[str, float] = field(default_factory=dict)  # over each alternative, nats per tile
+    half_turn: float | None = None  # that of :class:`rsdeblur.estimate.QualityCheck`
+    # Takes names of straight blurs and other sizes, and a number of threads, and returns how much clearer the sharp
+    # picture is with the motion than with each: differences of the logarithm of l1 / l2 of the gradient.
     clearer: Callable[[Sequence[str], int | None], list[float]] = field(default=lambda names, _: [0.0] * len(names))
 
     @classmethod
@@ -67,14 +64,15 @@ class MotionEvidence:
         if min(height, width) < CELL:
             return cls(unknown=f"The picture is narrower than {CELL} px, too small to judge the motion by.")
         step = int(max(1.0, min(max(length / REDUCED_BLUR, LEAST_REDUCTION), min(height, width) // (2 * CELL))))
-        tiles, moving = CheckTiles(encoded, capture, step, threads), _Moving(capture)
+        tiles = CheckTiles(encoded, capture, step, threads)
         if not tiles.detailed:
             return cls(unknown="The picture shows no detail to judge the motion by.")
 
         def turned() -> tuple[QuickSharpness, float, float]:
-            sharpness = QuickSharpness(_reduced(encoded), moving)
-            own = sharpness.of(moving)
-            return sharpness, own, sharpness.half_turn(moving, own)
+            sharpness = QuickSharpness(_reduced(encoded), capture)
+            # Backwards, the motion is turned by half a turn, with which the spectra are the same.
+            own, turned = sharpness.under(capture, (1.0, -1.0), threads=1)
+            return sharpness, own, own - turned if min(height, width) >= LEAST_TURNED else 0.0
 
         # Each is too small to be shared, but they need not wait for each other.
         measures: tuple[Callable[[], Any], ...] = turned, tiles.alternatives
@@ -82,7 +80,7 @@ class MotionEvidence:
         others = {"straight": line} | {f"{size:g} times": size for size in SIZES}
 
         def clearer(names: Sequence[str], threads: int | None) -> list[float]:
-            measures = sharpness.under_others(moving, [others[name] for name in names], threads=threads)
+            measures = sharpness.under(capture, [others[name] for name in names], threads=threads)
             return [each - own for each in measures]
 
         return cls(tiles, "", leads, turn, clearer)
@@ -112,7 +110,7 @@ class CheckTiles:
         self._blurred, finest = self._cells(encoded, threads)
         self._noise = noise_level(_mosaic(finest)[..., None])
         rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
-        self._paths = BlurPaths.from_capture(_Moving(capture).capture(1 / step), rows, cols)
+        self._paths = BlurPaths.from_capture(captured(capture, 1 / step), rows, cols)
         # So few PSFs are drawn sooner than threads start.
         self._kernels = PsfBank.from_paths(self._paths, threads=1).kernels
 
@@ -138,10 +136,7 @@ class CheckTiles:
         return reduced, finest
 
     def alternatives(self) -> tuple[dict[str, float], FloatArray]:
-        """Return the lead of the motion over each alternative, and the path of the best straight blur.
-
-        Leads are in nats per tile, the path is in px of the picture, shape (T, 2).
-        """
+        """Return the lead of the motion over each alternative, nats per tile, and the best straight path (T, 2), px."""
         places = [np.arange(len(corners)) * CELL + 1 for corners in self._corners]
         measured = TilePeriodograms(_mosaic(self._blurred), *places)
         shape = tuple(map(len, places))
@@ -176,24 +171,6 @@ class CheckTiles:
         # White noise has the same variance in all pixels, and twice that in each difference.
         left = _gradient(self._blurred) - 4 * (self._noise / self._step) ** 2
         return _gradient(sharp) / left if left > 0 else None
-
-
-@dataclass(frozen=True, slots=True)
-class _Moving:
-    """The known motion of an upright picture, see :class:`rsdeblur.estimate.sharpness.Moving`."""
-
-    whole: Capture
-
-    @property
-    def camera(self) -> Camera:
-        return self.whole.camera
-
-    def capture(self, scale: float = 1.0) -> Capture:
-        if scale == 1.0 and self.whole.softness == 0.0:
-            # It may have its probe already.
-            return self.whole
-        # In the reduced picture, a softness of up to 1 px hardly counts.
-        return replace(self.whole, camera=self.whole.camera.scaled(scale), softness=0.0)
 
 
 def _reduced(encoded: EncodedImage) -> NDArray[np.float32]:

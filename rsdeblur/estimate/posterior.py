@@ -7,9 +7,10 @@ belong to the photo. :class:`TileSpectra` are the power spectra of the tiles of 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
 from rsdeblur.tuning.noise import STIFFNESS, TILE, TilePeriodograms
 from rsdeblur.types import FloatArray
+
+Measure = TypeVar("Measure")
 
 # Softness of photos that no motion explains, from lens, demosaicing and denoising: standard deviation, px of the
 # picture as stored.
@@ -57,20 +60,19 @@ STEEPEST = 8.0
 class TileSpectra:
     """Power spectra of overlapping tiles of a blurred picture, and how likely they are under a camera's motion.
 
-    `light` is linear, shape (H, W), of the picture as stored, or already reduced, but not below `side`, the longer side
-    of the picture after reduction, px; InputError if it is smaller than a tile then. Corrected recordings can be
-    scored, too. Threads share the tiles of a fit; 1 suits callers whose threads share motions. Methods raise the errors
-    of a log that does not describe the exposure.
+    `light` is linear, shape (H, W), of the picture as stored, or already reduced, but not below 640 px; InputError if
+    it is smaller than a tile. Corrected recordings can be scored, too. Methods raise the errors of a log that does not
+    describe the exposure.
     """
 
-    def __init__(
-        self, light: NDArray[np.float32], recording: Recording, *, side: int, threads: int | None = None
-    ) -> None:
-        camera, self._threads = recording.camera, threads
-        self._scale = min(1.0, side / max(camera.width, camera.height))
-        small = camera.scaled(self._scale)
-        if min(small.width, small.height) < TILE:
-            raise InputError(f"the picture must keep {TILE} px on its shorter side when its longer one has {side} px")
+    def __init__(self, light: NDArray[np.float32], recording: Recording) -> None:
+        camera = recording.camera
+        longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
+        if shorter < TILE:
+            raise InputError(f"the picture must have at least {TILE} px on its shorter side, got {shorter}")
+        low, high = (max(side, TILE * longer / shorter + 1) for side in SPECTRA_SIDES)
+        side = int(np.clip(longer / max(LEAST_REDUCTION, recording.capture().mean_length / LONGEST_BLUR), low, high))
+        self._scale = min(1.0, side / longer)
         grey = upright(light, camera, self._scale)
         tops, lefts = (_places(n) for n in grey.shape)
         self._rows, cols = tops + (TILE - 1) / 2, lefts + (TILE - 1) / 2
@@ -99,17 +101,10 @@ class TileSpectra:
     def fit(self, recording: Recording) -> Fit:
         """Return how likely every tile is under this motion."""
         expected = self.expected(recording)
-        return Fit(expected, *self._periodograms.fit(expected, self._place, threads=self._threads))
-
-    def score(self, recording: Recording) -> FloatArray:
-        """Return the nats of :meth:`fit`."""
-        return self.fit(recording).nats
+        return Fit(expected, *self._periodograms.fit(expected, self._place, threads=1))
 
     def information(self, fit: Fit, slopes: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
-        """Return gradient and Fisher information of every tile, see :func:`rsdeblur.kernels.whittle.information`.
-
-        `slopes` are derivatives of the logarithm of the fit's expected power, shape (Q, K, F).
-        """
+        """Return gradient and information of every tile for `slopes` (Q, K, F), of the log of the expected power."""
         measured = self._periodograms
         tiles = measured.tiles_under(fit.expected, self._place)
         return whittle.information(tiles, slopes, (fit.gains, fit.levels), STIFFNESS)
@@ -117,12 +112,9 @@ class TileSpectra:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Scene and noise fitted to the tiles under one motion, see :func:`rsdeblur.kernels.whittle.fit_gains`.
+    """Scene and noise fitted to the tiles under one motion, see :func:`rsdeblur.kernels.whittle.fit_gains`."""
 
-    `expected` is that of :meth:`TilePeriodograms.expected`, shape (K, F).
-    """
-
-    expected: NDArray[np.float32]
+    expected: NDArray[np.float32]  # that of :meth:`TilePeriodograms.expected`, shape (K, F)
     nats: FloatArray
     gains: FloatArray
     levels: FloatArray
@@ -133,69 +125,44 @@ def softness(scale: float) -> float:
     return float(np.hypot(SOFTNESS * scale, 0.5 * (1 - scale)))
 
 
-def spectra_side(recording: Recording) -> int:
-    """Return the longer side to which a picture is reduced for its spectra, px."""
-    camera = recording.camera
-    longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
-    length = recording.capture().mean_length
-    low, high = (max(side, TILE * longer / shorter + 1) for side in SPECTRA_SIDES)
-    return int(np.clip(longer / max(LEAST_REDUCTION, length / LONGEST_BLUR), low, high))
-
-
 def _places(n: int) -> NDArray[np.intp]:
     """Return the first pixels of tiles that overlap by about half and span `n` px."""
     return np.round(np.linspace(0, n - TILE, -(-2 * (n - TILE) // TILE) + 1)).astype(np.intp)
 
 
-class PhotoLikelihood:
-    """Likelihood of corrections of one photo by its spectra; corrections are rows of a place.
+def kept(measure: Callable[[FloatArray], Measure], most: int | None = None) -> Callable[[FloatArray], Measure]:
+    """Return a function of a row of a place that keeps what it measures, of at most so many rows."""
+    cached = lru_cache(most)(lambda key: measure(np.frombuffer(key)))
+    return lambda row: cached(row.tobytes())
 
-    `recording` is the one given, `deviations` are those of its errors, shape (8,), in the units of :class:`Correction`.
-    """
+
+class PhotoLikelihood:
+    """Likelihood of corrections of one photo by its spectra; corrections are rows of a place."""
 
     def __init__(self, spectra: TileSpectra, recording: Recording, deviations: FloatArray) -> None:
-        self.spectra, self.recording, self._deviations = spectra, recording, deviations
+        self.spectra, self.recording = spectra, recording
         self._tiles = TILES_AS_ONE * max(spectra.tiles, LEAST_TILES)
-        self._nats: dict[bytes, FloatArray | None] = {}
-        # Descents ask for the fit of their last place again; several measures, for the recording of theirs.
-        self._fit, self._corrected = lru_cache(RECENT)(self._fit_at), lru_cache(RECENT)(self._corrected_at)
+        #: The recording with a correction. Several measures ask for that of their place.
+        self.corrected = kept(lambda row: recording.corrected(Correction(*(row * deviations).tolist())), RECENT)
+        # Descents ask for the fit of their last place again.
+        self._fit = kept(lambda row: spectra.fit(self.corrected(row)), RECENT)
+        #: The nats of all tiles; None if the log does not describe the exposure.
+        self.nats = kept(self._described)
 
-    def corrected(self, row: FloatArray) -> Recording:
-        """Return the recording with a correction."""
-        return self._corrected(row.tobytes())
-
-    def _corrected_at(self, key: bytes) -> Recording:
-        return self.recording.corrected(Correction(*(np.frombuffer(key) * self._deviations).tolist()))
-
-    def _fit_at(self, key: bytes) -> Fit:
-        return self.spectra.fit(self.corrected(np.frombuffer(key)))
-
-    def nats(self, row: FloatArray) -> FloatArray | None:
-        """Return the nats of all tiles; None if the log does not describe the exposure."""
-        key = row.tobytes()
-        if key not in self._nats:
-            try:
-                self._nats[key] = self._fit(key).nats
-            except UNDESCRIBED:
-                self._nats[key] = None
-        return self._nats[key]
-
-    def lead(self, row: FloatArray, others: FloatArray) -> float:
-        """Return how much likelier the photo is with a correction than with a motion with the nats `others`."""
-        nats = self.nats(row)
-        return -np.inf if nats is None else float(self.leads(nats, others).sum())
+    def _described(self, row: FloatArray) -> FloatArray | None:
+        try:
+            return self._fit(row).nats
+        except UNDESCRIBED:
+            return None
 
     def leads(self, nats: FloatArray, others: FloatArray) -> FloatArray:
-        """Return how much likelier each tile is with one motion than with another, given the nats of both.
-
-        Tiles are correlated, and none counts for much more than the bound.
-        """
+        """Return how much likelier each tile is with one motion than with another; none counts beyond the bound."""
         bounded: FloatArray = MOST_NATS * np.tanh((others - nats) / MOST_NATS) / self._tiles
         return bounded
 
     def information(self, row: FloatArray, at: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Return gradient and Fisher information for the parameters `at`, without the prior."""
-        fit = self._fit(row.tobytes())
+        fit = self._fit(row)
         slopes = np.array([self._slope(row, index, fit.expected) for index in at])
         gradient, information = self.spectra.information(fit, slopes)
         # A tile that alone would gain more than the bound has less weight.
@@ -216,15 +183,19 @@ class PhotoLikelihood:
         return np.zeros_like(expected)
 
 
-class Posterior:
+OnePhoto = TypeVar("OnePhoto", bound=PhotoLikelihood)
+
+
+class Posterior(Generic[OnePhoto]):
     """How likely corrections are, given the photos' spectra and how uncertain the recording is.
 
-    All photos have the same `deviations`, shape (8,), of the errors of their recordings, in the units of
-    :class:`Correction`; 0 for what is known. Threads share the photos; None means all processors.
+    `deviations` (8,), in the units of :class:`Correction`, are those of the recordings' errors; 0 for what is known.
     """
 
-    def __init__(self, photos: Sequence[PhotoLikelihood], deviations: FloatArray, *, threads: int | None = 1) -> None:
-        self.photos, self._deviations, self._threads = list(photos), deviations, threads
+    def __init__(self, photos: Sequence[OnePhoto], deviations: FloatArray, threads: int | None) -> None:
+        self.photos, self.deviations, self.threads = list(photos), deviations, threads
+        # The starts of a search, by which one photo is shared, are more than the tiles of a photo are worth.
+        self._threads = threads if len(photos) > 1 else 1
         self.nothing: FloatArray = np.zeros((len(self.photos), len(PARAMETERS)))
         #: Names of the parameters that are not known.
         self.free = tuple(np.array(PARAMETERS)[deviations > 0].tolist())
@@ -235,10 +206,10 @@ class Posterior:
 
     def recordings(self, place: FloatArray) -> list[Recording]:
         """Return the recordings with a correction."""
-        return [photo.corrected(row) for photo, row in self._rows(place)]
+        return [photo.corrected(row) for photo, row in zip(self.photos, place, strict=True)]
 
-    def directions(self, names: Iterable[str]) -> list[FloatArray]:
-        """Return unit steps of the free ones of some parameters, shape (N, 8): one for each number that differs."""
+    def directions(self, names: Iterable[str], changed_by: FloatArray | None = None) -> list[FloatArray]:
+        """Return unit steps (N, 8) along the numbers of some parameters that are free, and that a place changes."""
         steps = []
         for name in names:
             if name not in self.free:
@@ -246,7 +217,8 @@ class Posterior:
             for photos in [slice(None)] if name in SHARED else range(len(self.photos)):
                 step = np.zeros_like(self.nothing)
                 step[photos, PARAMETERS.index(name)] = 1.0
-                steps.append(step)
+                if changed_by is None or changed_by[step > 0].any():
+                    steps.append(step)
         return steps
 
     def numbers(self, place: FloatArray) -> FloatArray:
@@ -256,17 +228,12 @@ class Posterior:
 
     def nats(self, place: FloatArray) -> list[FloatArray] | None:
         """Return the nats of all tiles of each photo; None if a log does not describe its exposure."""
-        found = share_map(lambda pair: pair[0].nats(pair[1]), self._rows(place), self._threads)
+        found = self._nats(place)
         described = [nats for nats in found if nats is not None]
         return described if len(described) == len(found) else None
 
-    def _rows(self, place: FloatArray) -> list[tuple[PhotoLikelihood, FloatArray]]:
-        return list(zip(self.photos, place, strict=True))
-
-    def gain(self, place: FloatArray, over: FloatArray) -> float:
-        """Return how much more likely one correction is than another, in nats; infinite if one has no score."""
-        others = self.nats(over)
-        return np.inf if others is None else self.lead(place, others) + self.prior(over)
+    def _nats(self, place: FloatArray) -> list[FloatArray | None]:
+        return share_map(lambda n: self.photos[n].nats(place[n]), range(len(self.photos)), self._threads)
 
     def lead(self, place: FloatArray, others: Sequence[FloatArray]) -> float:
         """Return how much more likely a correction is than motions with the nats `others`, whose prior is ignored."""
@@ -274,11 +241,8 @@ class Posterior:
 
     def photo_leads(self, place: FloatArray, others: Sequence[FloatArray]) -> FloatArray:
         """Return how much likelier each photo is than with the nats `others`, without the prior, shape (N,)."""
-
-        def lead(n: int) -> float:
-            return self.photos[n].lead(place[n], others[n])
-
-        return np.array(share_map(lead, range(len(self.photos)), self._threads))
+        triples = zip(self.photos, self._nats(place), others, strict=True)
+        return np.array([-np.inf if own is None else photo.leads(own, each).sum() for photo, own, each in triples])
 
     def prior(self, place: FloatArray) -> float:
         """Return how much less likely a correction is than none before any photo is seen, nats."""
@@ -304,15 +268,14 @@ class Posterior:
             spread += deviation * step
         return spread
 
-    def descend(self, place: FloatArray, free: Sequence[str], *, steps: int = STEPS) -> FloatArray:
-        """Return the local maximum that Fisher scoring reaches with some parameters free, the others as they are.
-
-        Steps are damped and of bounded length.
-        """
+    def descend(self, place: FloatArray, free: Sequence[str]) -> FloatArray:
+        """Return the local maximum that Fisher scoring, by damped steps of bounded length, reaches with some free."""
         directions = self.directions(free)
         damping, trust = 0.01, TRUST[0]
-        for _ in range(steps):
+        for _ in range(STEPS):
             gradients, matrix = self._information(place, directions)
+            given = self.nats(place)
+            assert given is not None, "the log describes the exposures"
             at = np.array([place[direction > 0][0] for direction in directions])
             gained, moved = 0.0, place
             step = np.zeros(len(directions))
@@ -320,7 +283,7 @@ class Posterior:
                 step = -np.linalg.solve(damped(matrix, damping), gradients.sum(axis=0) + at)
                 step *= min(1.0, trust / max(float(np.abs(step).max()), 1e-9))
                 moved = place + np.tensordot(step, directions, 1)
-                gained = self.gain(moved, place)
+                gained = self.lead(moved, given) + self.prior(place)
                 damping, trust = (damping / 4, trust * 1.3) if gained > 0 else (max(6 * damping, 0.05), trust / 2)
             if not gained > 0:
                 break
@@ -349,10 +312,13 @@ def damped(information: FloatArray, damping: float) -> FloatArray:
     return matrix
 
 
-def costs_of(tiles: FloatArray) -> FloatArray:
+def costs_of(motions: Sequence[Sequence[FloatArray] | None]) -> FloatArray:
     """Return how much less likely each motion is than the likeliest one of each tile, nats; no tile decides alone.
 
-    `tiles` has the nats of the tiles of a photo under each motion, shape (M, tiles).
+    Each motion has the nats of the tiles of each photo; None where no log describes it, which costs infinitely much.
     """
-    costs: FloatArray = np.minimum(tiles - tiles.min(axis=0), MOST_NATS).mean(axis=1) / TILES_AS_ONE
+    described, costs = [each for each in motions if each is not None], np.full(len(motions), np.inf)
+    photos = (np.array(tiles) for tiles in zip(*described, strict=True))
+    bounded = [np.minimum(tiles - tiles.min(axis=0), MOST_NATS).mean(axis=1) for tiles in photos]
+    costs[[each is not None for each in motions]] = np.sum(bounded, axis=0) / TILES_AS_ONE
     return costs

@@ -193,18 +193,15 @@ def refine(
     >>> found = rsdeblur.refine(image, log, camera, exposure)  # doctest: +SKIP
     >>> rsdeblur.deblur(image, found.log, found.camera, found.exposure)  # doctest: +SKIP
     """
-    exposures = exposures_of(exposure)
-    for each in exposures:
-        check_recording(log, camera, each, translation)
+    recordings = recordings_of(log, camera, exposure, translation)
     validate.callback("progress", progress)
     validate.boolean("known_axes", known_axes)
-    several = len(exposures) > 1
+    several = len(recordings) > 1
     uncertainty = uncertainty_of(uncertainty, free, SEVERAL if several else Uncertainty())
     if not (known_axes or several):
         uncertainty = _without_acceleration(uncertainty)
     lights = grey_lights(image, transfer, camera, exposure)
-    recordings = [Recording(log, camera, each, translation) for each in exposures]
-    longest = max(exposures, key=lambda each: each.duration)
+    longest = longest_of(recordings)
     deviations = uncertainty.deviations(camera, longest)
     for recording in recordings:
         check_reach(recording.capture())
@@ -212,53 +209,41 @@ def refine(
     if not reason and longest.duration < LEAST_DURATION:
         reason = TOO_SHORT
     if reason:
-        refinements = [_unrefined(recording, deviations, reason) for recording in recordings]
+        nothing = np.zeros((len(recordings), len(deviations)))
+        found, spread = Corrected(nothing, recordings, gain=0.0, fall=0.0, score=0.0), nothing + 1.0
     else:
         score = Score.of_photos(lights, recordings, deviations, threads)
-        refinements = _refinements(score, known_axes=known_axes, progress=progress or (lambda *_: None))
-    return refinements[0] if isinstance(exposure, Exposure) else refinements
-
-
-def _refinements(score: Score, *, known_axes: bool, progress: Progress) -> list[Refinement]:
-    """Return the most likely correction, accepted or not, for each photo."""
-    found, reason = _found(score, known_axes=known_axes, progress=progress)
-    spread = score.posterior.spread(found.place)
+        found, reason = _found(score, known_axes=known_axes, progress=progress or (lambda *_: None))
+        spread = score.spread(found.place)
     refinements = []
-    for n, photo in enumerate(score.photos):
-        given = photo.likelihood.recording
-        used = given if reason else found.recordings[n]
+    for n, used in enumerate(recordings if reason else found.recordings):
         refinements.append(
             Refinement(
-                *_parts(used),
+                *(used.log, used.camera, used.exposure, used.translation),
                 accepted=not reason,
                 reason=reason,
-                values=Correction(*(found.place[n] * score.deviations).tolist()),
-                sd=Correction(*(spread[n] * score.deviations).tolist()),
+                values=Correction(*(found.place[n] * deviations).tolist()),
+                sd=Correction(*(spread[n] * deviations).tolist()),
                 confidence=0.0 if reason == OTHER_AXES else found.confidence,
                 gain=found.gain,
                 fall=found.fall,
-                regions=None if found.factors is None else ReadoutFrame(given.camera).back(found.factors),
+                regions=None if found.factors is None else ReadoutFrame(camera).back(found.factors),
             )
         )
-    return refinements
+    return refinements[0] if isinstance(exposure, Exposure) else refinements
 
 
 def _found(score: Score, *, known_axes: bool, progress: Progress) -> tuple[Corrected, str]:
     """Return the most likely correction, and why it is refused (empty if it is not)."""
     search = Search(score)
     best, reason = search.best(progress)
-    found = score.corrected(best)
-
-    def rivalled(recordings: Sequence[Recording], ahead: float) -> bool:
-        # With wrong axes, a correction may make the motion more like the right one, but never right.
-        return rival_lead(score, recordings) > -ahead
-
-    ahead = AHEAD_OF_AXES
-    if not (reason or known_axes) and rivalled(found.recordings, ahead):
+    found, ahead = score.corrected(best), AHEAD_OF_AXES
+    # With wrong axes, a correction may make the motion more like the right one, but never right.
+    if not (reason or known_axes) and rival_lead(score, found.recordings) > -ahead:
         reason, ahead = OTHER_AXES, AHEAD_BY_FACTORS
-    if len(score.photos) == 1 and score.photos[0].likelihood.recording.translation is None:
+    if len(score.photos) == 1 and score.photos[0].recording.translation is None:
         regional = DriftByRegion(score).best([best, *search.candidates], over=None if reason else best)
-        if regional is not None and (known_axes or not (reason and rivalled(regional.recordings, ahead))):
+        if regional and (known_axes or not reason or rival_lead(score, regional.recordings) <= -ahead):
             found, reason = regional, ""
     return found, reason
 
@@ -271,23 +256,21 @@ def _without_acceleration(uncertainty: Uncertainty) -> Uncertainty:
         raise InputError("only an acceleration is free, which is refined with known_axes=True only") from None
 
 
-def _unrefined(recording: Recording, deviations: FloatArray, reason: str) -> Refinement:
-    """Return the recording as given."""
-    values, sd = Correction(), Correction(*deviations.tolist())
-    parts = _parts(recording)
-    return Refinement(*parts, accepted=False, reason=reason, values=values, sd=sd, confidence=0.0, gain=0.0, fall=0.0)
-
-
-def _parts(recording: Recording) -> tuple[GyroLog, Camera, Exposure, Translation | None]:
-    return recording.log, recording.camera, recording.exposure, recording.translation
-
-
-def exposures_of(exposure: Exposure | Sequence[Exposure]) -> list[Exposure]:
-    """Return the exposure of each photo; InputError if there is none, or one is no :class:`rsdeblur.Exposure`."""
+def recordings_of(
+    log: GyroLog, camera: Camera, exposure: Exposure | Sequence[Exposure], translation: Translation | None = None
+) -> list[Recording]:
+    """Return the recording of each photo; InputError if there is none, or one does not have the right types."""
     exposures = [exposure] if isinstance(exposure, Exposure) else exposure_list(exposure, "exposure")
     if not exposures:
         raise InputError("exposure must be an Exposure, or a sequence with one for each image, got none")
-    return exposures
+    for each in exposures:
+        check_recording(log, camera, each, translation)
+    return [Recording(log, camera, each, translation) for each in exposures]
+
+
+def longest_of(recordings: Sequence[Recording]) -> Exposure:
+    """Return the longest exposure."""
+    return max((each.exposure for each in recordings), key=lambda each: each.duration)
 
 
 def grey_lights(
@@ -296,10 +279,7 @@ def grey_lights(
     camera: Camera,
     exposure: Exposure | Sequence[Exposure],
 ) -> list[NDArray[np.float32]]:
-    """Return the mean linear light of the channels of each photo, reduced to `SIDE` px.
-
-    InputError if one is not a picture, not of the camera's size, or there are not as many as exposures.
-    """
+    """Return the mean linear light of the channels of each photo, which must fit its exposure, reduced to `SIDE` px."""
     single = isinstance(exposure, Exposure)
     images = [image] if single else validate.items("image", cast("Iterable[ArrayLike]", image))
     lights = []

@@ -21,7 +21,6 @@ from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, Correc
 from rsdeblur.estimate.score import EVIDENCE, PROOFS, Corrected, Score
 from rsdeblur.estimate.search import ADJUSTMENTS, MOST_DEVIATIONS, adjusted
 from rsdeblur.estimate.sharpness import NATS_PER_FALL
-from rsdeblur.estimate.streaks import lead_of
 from rsdeblur.image.encoded import ReadoutFrame
 from rsdeblur.motion.arguments import is_held
 from rsdeblur.motion.translation import Translation
@@ -43,9 +42,11 @@ class DriftByRegion:
 
     def __init__(self, score: Score) -> None:
         (photo,) = score.photos
-        self._score, self._photo, self._likelihood = score, photo, photo.likelihood
-        self._centres = photo.quick.centres
-        self._region = _nearest(photo.likelihood.spectra.centres, self._centres)
+        self._score, self._photo, self._centres = score, photo, photo.picture.quick.centres
+        # The region of each tile of the spectra.
+        pairs = zip(photo.picture.spectra.centres, self._centres, strict=True)
+        row, col = (np.abs(np.subtract.outer(at, own)).argmin(axis=1) for at, own in pairs)
+        self._region = np.add.outer(row * len(self._centres[1]), col).ravel()
 
     def best(self, places: Sequence[FloatArray], over: FloatArray | None) -> Corrected | None:
         """Return the best of several corrections, adjusted, with its factors; None where one factor does as well.
@@ -69,7 +70,7 @@ class DriftByRegion:
     def _is_credible(self, found: Corrected, over: FloatArray | None) -> bool:
         """Return whether a correction is clearly better than `over` by the whole solve, which no search has misled."""
         score = self._score
-        fall = self._photo.whole_sparsity(score.nothing[0]) - self._photo.whole.of(found.recordings[0])
+        fall = self._photo.whole_sparsity(score.nothing[0]) - self._photo.picture.whole.of(found.recordings[0])
         if over is None:
             return found.score >= PROOFS["regions"].score and fall >= PROOFS["regions"].fall
         least = float(score.whole_falls([over]).sum())
@@ -78,7 +79,7 @@ class DriftByRegion:
 
     def _different(self, places: Sequence[FloatArray]) -> list[FloatArray]:
         """Return the credible corrections with a drift, without those that differ less than the last step."""
-        drift, least = [name in DRIFT for name in PARAMETERS], ADJUSTMENTS["quick"].steps[-1]
+        drift, (_, (*_, least)) = [name in DRIFT for name in PARAMETERS], ADJUSTMENTS["quick"]
         different: list[FloatArray] = []
         for place in places:
             credible = np.abs(place).max() <= MOST_DEVIATIONS and self._score.of(place) >= EVIDENCE
@@ -88,9 +89,9 @@ class DriftByRegion:
 
     def _adjusted(self, place: FloatArray, factors: FloatArray) -> tuple[Corrected, float]:
         """Return a correction and its factors, adjusted in turn, and the nats gained by the factors."""
-        axes = [step for step in self._score.posterior.directions(ADJUSTMENTS["quick"].names) if place[step > 0].any()]
-        gain = 0.0
-        for step in ADJUSTMENTS["quick"].steps:
+        names, steps = ADJUSTMENTS["quick"]
+        axes, gain = self._score.directions(names, place), 0.0
+        for step in steps:
             place = adjusted(place, partial(self._scores, factors), axes, lambda *_: None, steps=(step,))
             factors, gain = self._factors(place, FACTORS)
         return self.corrected(factors, place), gain
@@ -101,33 +102,30 @@ class DriftByRegion:
 
     def corrected(self, factors: FloatArray, place: FloatArray) -> Corrected:
         """Return a correction with factors on its drift, and its score."""
-        score, photo, likelihood = self._score, self._photo, self._likelihood
-        recording = with_factors(likelihood.recording, self._correction(place), factors, self._centres)
-        given = likelihood.nats(score.nothing[0])
-        assert given is not None, "the log describes the exposure"
-        leads = likelihood.leads(likelihood.spectra.score(recording), given)
-        led = lead_of(photo.streaks.nats(recording), photo.streak_nats(score.nothing[0]))
-        gain = float(leads.sum() - score.posterior.prior(place)) + led
-        fall = photo.sparsity(score.nothing[0]) - photo.quick.of(recording)
-        total = score.together(gain, fall, [recording])
-        return Corrected(place, [recording], gain=gain, fall=fall, score=total, factors=factors)
+        score = self._score
+        found = [with_factors(self._photo.recording, self._correction(place), factors, self._centres)]
+        moved = score.under(found)
+        gain = moved.gain(score.nothing, score) - score.prior(place)
+        fall = float(moved.falls(score.nothing, score).sum())
+        total = score.together(gain, fall, found)
+        return Corrected(place, found, gain=gain, fall=fall, score=total, factors=factors)
 
     def _correction(self, place: FloatArray) -> Correction:
         return Correction(*(place[0] * self._score.deviations).tolist())
 
     def _factors(self, place: FloatArray, factors: FloatArray) -> tuple[FloatArray, float]:
         """Return the best of some factors in each region, shape (R, C), and the nats gained over a factor of 1."""
-        correction, likelihood = self._correction(place), self._likelihood
+        correction, photo = self._correction(place), self._photo
         # With a factor of 1, it is the correction itself.
-        own, tiles = likelihood.nats(place[0]), self._photo.tiles(place[0])
+        own, tiles = photo.nats(place[0]), photo.tiles(place[0])
         assert own is not None, "the log describes the exposure"
         others = np.flatnonzero(factors != 1)
-        moved = [likelihood.recording.corrected(_scaled(correction, factor)) for factor in factors[others].tolist()]
-        nats = share_map(likelihood.spectra.score, moved, self._score.threads)
-        falls = NATS_PER_FALL * (np.stack(share_map(self._photo.quick.tiles, moved, self._score.threads)) - tiles)
+        moved = [photo.recording.corrected(_scaled(correction, factor)) for factor in factors[others].tolist()]
+        fits = share_map(photo.picture.spectra.fit, moved, self._score.threads)
+        falls = NATS_PER_FALL * (np.stack(share_map(photo.picture.quick.tiles, moved, self._score.threads)) - tiles)
         costs = np.zeros((len(factors), len(tiles)))
-        for n, fall, each in zip(others.tolist(), falls, nats, strict=True):
-            costs[n] = fall - np.bincount(self._region, likelihood.leads(each, own), len(fall))
+        for n, fall, fit in zip(others.tolist(), falls, fits, strict=True):
+            costs[n] = fall - np.bincount(self._region, photo.leads(fit.nats, own), len(fall))
         labels, total = _alike(costs.reshape(len(factors), len(self._centres[0]), -1), factors)
         return factors[labels], -total
 
@@ -135,10 +133,9 @@ class DriftByRegion:
 def with_factors(
     recording: Recording, correction: Correction, factors: FloatArray, centres: tuple[FloatArray, FloatArray]
 ) -> Recording:
-    """Return the corrected recording with factors on its drift in regions of the upright picture, shape (R, C).
+    """Return a recording without translation, corrected with factors on the drift in regions of the upright picture.
 
-    The recording has no translation. `centres` are those of the rows and columns of regions, as shares of the picture's
-    height and width.
+    `centres` are those of the rows and columns of regions, as shares of the picture's height and width.
     """
     rest = recording.corrected(_scaled(correction, 0.0))
     down, across = (hat_weights(at * STEPS * len(at), STEPS * len(at) + 1) for at in centres)
@@ -154,18 +151,9 @@ def _scaled(correction: Correction, factor: float) -> Correction:
     return replace(correction, **{name: factor * getattr(correction, name) for name in (*DRIFT, *ACCELERATION)})
 
 
-def _nearest(places: tuple[FloatArray, FloatArray], centres: tuple[FloatArray, FloatArray]) -> NDArray[np.intp]:
-    """Return the region of each of the tiles that lie at all pairs of `places`."""
-    row, col = (np.abs(np.subtract.outer(at, own)).argmin(axis=1) for at, own in zip(places, centres, strict=True))
-    region: NDArray[np.intp] = np.add.outer(row * len(centres[1]), col).ravel()
-    return region
-
-
 def _alike(costs: FloatArray, factors: FloatArray) -> tuple[NDArray[np.intp], float]:
-    """Return the labels (R, C) whose costs (L, R, C), with those of differences between neighbours, are least.
-
-    Labels are indices of `factors`. Regions of either colour of a chequerboard change in turn, from several starts.
-    """
+    """Return the labels (R, C), of `factors`, whose costs (L, R, C), with those between neighbours, are least."""
+    # Regions of either colour of a chequerboard change in turn, from several starts.
     count, rows, cols = costs.shape
     apart = np.minimum(np.square(np.subtract.outer(factors, factors)), MOST_SQUARE)
     even = np.add.outer(np.arange(rows), np.arange(cols)) % 2 == 0

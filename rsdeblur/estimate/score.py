@@ -5,18 +5,17 @@ Corrections are places of a :class:`rsdeblur.estimate.posterior.Posterior`; scor
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from copy import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import starmap
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import beside, once, share_map
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior, TileSpectra, spectra_side
+from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior, TileSpectra, kept
 from rsdeblur.estimate.sharpness import NATS_PER_FALL, SHORTER, QuickSharpness, WholeSharpness
 from rsdeblur.estimate.streaks import LightStreaks, lead_of
 from rsdeblur.types import FloatArray
@@ -53,18 +52,14 @@ PROOFS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrected:
-    """Corrected recordings, and the score of the correction, nats.
-
-    With factors on the drift, in equal regions of the upright picture, shape (R, C), the drift of the place (N, 8)
-    holds where they are 1. `gain` and `fall` are those of :class:`rsdeblur.estimate.Refinement`.
-    """
+    """Corrected recordings, and the score of the correction, nats; see :class:`rsdeblur.estimate.Refinement`."""
 
     place: FloatArray
     recordings: list[Recording]
     gain: float
     fall: float
     score: float
-    factors: FloatArray | None = None
+    factors: FloatArray | None = None  # on the drift of the place, in regions of the upright picture, shape (R, C)
 
     @property
     def confidence(self) -> float:
@@ -72,44 +67,34 @@ class Corrected:
         return 1.0 / (1.0 + float(np.exp((EVEN_SCORE - self.score) / SCORE_SCALE))) if self.place.any() else 0.0
 
 
-class Photo:
-    """Measures of one photo: the likelihood of corrections by its spectra, its light streaks and its sharp pictures.
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A blurred photo and what measures motions by it."""
 
-    `light` is linear, shape (H, W), of the picture as stored, or already reduced. What was measured of a row of a place
-    is kept.
-    """
-
-    def __init__(self, light: NDArray[np.float32], likelihood: PhotoLikelihood, streaks: LightStreaks) -> None:
-        self._light, self._recording = light, likelihood.recording
-        self.likelihood, self.streaks = likelihood, streaks
-        self.quick = QuickSharpness(light, self._recording)
-        self._kept: dict[tuple[str, bytes], Any] = {}
-
-    def under(self, recording: Recording, deviations: FloatArray) -> Photo:
-        """Return the same measures for corrections of another recording."""
-        other = copy(self)
-        other.likelihood, other._kept = PhotoLikelihood(self.likelihood.spectra, recording, deviations), {}
-        return other
+    light: NDArray[np.float32]  # linear, shape (H, W), as stored or already reduced
+    recording: Recording  # as given
+    spectra: TileSpectra
+    streaks: LightStreaks
+    quick: QuickSharpness
 
     @once
     def whole(self) -> WholeSharpness:
         """The measure of whole solves, which most photos do not need."""
-        return WholeSharpness(self._light, self._recording)
+        return WholeSharpness(self.light, self.recording)
 
-    def _measured(self, name: str, row: FloatArray, measure: Callable[[Recording], Any]) -> Any:
-        key = name, row.tobytes()
-        if key not in self._kept:
-            self._kept[key] = measure(self.likelihood.corrected(row))
-        return self._kept[key]
 
-    def streak_nats(self, row: FloatArray) -> float:
-        """Return how much likelier the light streaks are than under no motion that explains them."""
-        return float(self._measured("streaks", row, self.streaks.nats))
+class Photo(PhotoLikelihood):
+    """Measures of corrections of one photo, or of another recording of it; what was measured of a row is kept."""
 
-    def tiles(self, row: FloatArray) -> FloatArray:
-        """Return :meth:`rsdeblur.estimate.sharpness.QuickSharpness.tiles` of a row."""
-        tiles: FloatArray = self._measured("tiles", row, self.quick.tiles)
-        return tiles
+    def __init__(self, picture: Picture, recording: Recording, deviations: FloatArray) -> None:
+        super().__init__(picture.spectra, recording, deviations)
+        self.picture = picture
+        #: How much likelier the light streaks are than under no motion that explains them.
+        self.streak_nats = kept(lambda row: picture.streaks.nats(self.corrected(row)))
+        #: :meth:`rsdeblur.estimate.sharpness.QuickSharpness.tiles` of a row.
+        self.tiles = kept(lambda row: picture.quick.tiles(self.corrected(row)))
+        #: The logarithm of l1 / l2 by the whole solve.
+        self.whole_sparsity = kept(lambda row: picture.whole.of(self.corrected(row)))
 
     def sparsity(self, row: FloatArray) -> float:
         """Return the logarithm of l1 / l2 by the quick measure; infinite without a motion."""
@@ -118,24 +103,9 @@ class Photo:
         except UNDESCRIBED:
             return np.inf
 
-    def whole_sparsity(self, row: FloatArray) -> float:
-        """Return the logarithm of l1 / l2 by the whole solve."""
-        return float(self._measured("whole", row, self.whole.of))
 
-
-class Score:
-    """Scores of corrections of the photos of one recording, in nats.
-
-    `deviations` are the standard deviations of the errors of the recordings as given, shape (8,). Threads share several
-    places; None means all processors.
-    """
-
-    def __init__(self, photos: Sequence[Photo], deviations: FloatArray, threads: int | None) -> None:
-        self.photos, self.deviations, self.threads = list(photos), deviations, threads
-        # Several photos are shared by threads; the starts of a search, by which one photo is shared, are fewer.
-        likelihoods = [photo.likelihood for photo in photos]
-        self.posterior = Posterior(likelihoods, deviations, threads=threads if len(photos) > 1 else 1)
-        self.nothing = self.posterior.nothing
+class Score(Posterior[Photo]):
+    """Scores of corrections of the photos of one recording, in nats."""
 
     @classmethod
     def of_photos(
@@ -147,65 +117,57 @@ class Score:
     ) -> Score:
         """Return the scores by the linear light of each photo (H, W), as stored, or already reduced."""
         pairs = list(zip(lights, recordings, strict=True))
-
-        def likelihood(light: NDArray[np.float32], recording: Recording) -> PhotoLikelihood:
-            spectra = TileSpectra(light, recording, side=spectra_side(recording), threads=1)
-            return PhotoLikelihood(spectra, recording, deviations)
-
         with beside(lambda: list(starmap(LightStreaks, pairs)), threads) as streaks:
-            likelihoods = list(starmap(likelihood, pairs))
-            photos = [Photo(*each) for each in zip(lights, likelihoods, streaks(), strict=True)]
-        return cls(photos, deviations, threads)
+            spectra, quick = list(starmap(TileSpectra, pairs)), list(starmap(QuickSharpness, pairs))
+            pictures = map(Picture, lights, recordings, spectra, streaks(), quick)
+        return cls([Photo(each, each.recording, deviations) for each in pictures], deviations, threads)
 
     def under(self, recordings: Sequence[Recording]) -> Score:
         """Return the scores of corrections of other recordings of the same photos."""
-        pairs = zip(self.photos, recordings, strict=True)
-        return Score([photo.under(each, self.deviations) for photo, each in pairs], self.deviations, self.threads)
+        pairs = zip((photo.picture for photo in self.photos), recordings, strict=True)
+        return Score([Photo(*pair, self.deviations) for pair in pairs], self.deviations, self.threads)
 
-    def alone(self, n: int) -> Score:
-        """Return the scores by one of the photos alone."""
-        return Score([self.photos[n]], self.deviations, self.threads)
+    def gain(self, place: FloatArray, over: Score | None = None) -> float:
+        """Return how much likelier spectra and light streaks are than without a correction, of `over` if it is given.
 
-    def gain(self, place: FloatArray) -> float:
-        """Return how much likelier the spectra and the light streaks are than without a correction."""
-        return self.spectra_gain(place) + self.streak_gain(place)
+        `over` are the scores of corrections of other recordings of the same photos.
+        """
+        return self.spectra_gain(place, over) + self.streak_gain(place, over)
 
-    def spectra_gain(self, place: FloatArray) -> float:
-        """Return how much likelier the spectra are than without a correction."""
-        return self.posterior.gain(place, self.nothing)
+    def spectra_gain(self, place: FloatArray, over: Score | None = None) -> float:
+        """Return the part of the spectra in :meth:`gain`."""
+        given = (over or self).nats(self.nothing)
+        assert given is not None, "the log describes the exposures"
+        return self.lead(place, given)
 
-    def streak_gain(self, place: FloatArray) -> float:
-        """Return how much likelier the light streaks are than without a correction."""
-        leads = map(lead_of, self.streak_nats(place), self.streak_nats(self.nothing))
-        return float(sum(leads))
+    def streak_gain(self, place: FloatArray, over: Score | None = None) -> float:
+        """Return the part of the light streaks in :meth:`gain`."""
+        return float(sum(map(lead_of, self.streak_nats(place), (over or self).streak_nats(self.nothing))))
 
     def streak_nats(self, place: FloatArray) -> list[float]:
         """Return how much likelier the light streaks of each photo are than under no motion that explains them."""
         return [photo.streak_nats(row) for photo, row in zip(self.photos, place, strict=True)]
 
-    def falls(self, place: FloatArray) -> FloatArray:
-        """Return how much the logarithm of l1 / l2 of each photo falls, shape (N,)."""
-        return self._sparsities(self.nothing) - self._sparsities(place)
+    def falls(self, place: FloatArray, over: Score | None = None) -> FloatArray:
+        """Return how much the logarithm of l1 / l2 of each photo falls, shape (N,); `over` is that of :meth:`gain`."""
+        return (over or self).sparsities(self.nothing) - self.sparsities(place)
 
-    def _sparsities(self, place: FloatArray) -> FloatArray:
+    def sparsities(self, place: FloatArray) -> FloatArray:
+        """Return the logarithm of l1 / l2 of each photo by the quick measure, shape (N,)."""
         return np.array([photo.sparsity(row) for photo, row in zip(self.photos, place, strict=True)])
 
     def over(self, place: FloatArray, other: Score, *, most: float = np.inf) -> float:
-        """Return the score of a correction over the recordings that `other` measures, of the same photos, nats.
+        """Return the score of a correction over the recordings that `other` measures, see :meth:`gain`, nats.
 
         The logarithms of l1 / l2 do not fall by more than `most`, and count only where the spectra agree.
         """
-        given = other.posterior.nats(other.nothing)
-        assert given is not None, "the log describes the exposures"
-        streaks = map(lead_of, self.streak_nats(place), other.streak_nats(other.nothing))
-        gain = _finite(self.posterior.lead(place, given) + float(sum(streaks)))
-        fall = float((other._sparsities(other.nothing) - self._sparsities(place)).sum())
+        gain, fall = _finite(self.gain(place, other)), float(self.falls(place, other).sum())
         return gain if gain < 0 else gain + NATS_PER_FALL * min(fall, most)
 
     def whole_falls(self, places: Sequence[FloatArray]) -> FloatArray:
         """Return how much the logarithm of l1 / l2 of each photo falls in the whole solve, shape (places, N)."""
         for photo in self.photos:
-            _ = photo.whole  # planned once, not by each thread
+            _ = photo.picture.whole  # planned once, not by each thread
         given, *others = share_map(self.whole_sparsities, [self.nothing, *places], self.threads)
         return given - np.reshape(others, (len(places), len(self.photos)))
 
@@ -228,28 +190,28 @@ class Score:
 
     def cost(self, place: FloatArray) -> float:
         """Return the nats that the numbers of a correction cost."""
-        return NATS_PER_NUMBER * float(np.count_nonzero(self.posterior.numbers(place)))
+        return NATS_PER_NUMBER * float(np.count_nonzero(self.numbers(place)))
 
     def corrected(self, place: FloatArray) -> Corrected:
         """Return a correction with its score."""
-        recordings, fall = self.posterior.recordings(place), float(self.falls(place).mean())
+        recordings, fall = self.recordings(place), float(self.falls(place).mean())
         return Corrected(place, recordings, gain=self.gain(place), fall=fall, score=self.of(place))
 
     def _sum(self, place: FloatArray, fall: float) -> float:
-        return self.together(self.gain(place), fall, self.posterior.recordings(place))
+        return self.together(self.gain(place), fall, self.recordings(place))
 
     def together(self, gain: float, fall: float, recordings: Sequence[Recording]) -> float:
         """Return the score of corrected recordings by their gain and the fall of their sharp pictures."""
         gain = _finite(gain)
         # The sharp picture counts only where the spectra agree. Far from the truth it may be clear because little blur
         # was removed.
-        if gain < 0 or (gain < EVIDENCE and _length(recordings) < SHORTER * self._given_length):
+        if gain < 0 or (gain < EVIDENCE and mean_lengths(recordings).mean() < SHORTER * self._given_length):
             return gain
         return gain + NATS_PER_FALL * fall
 
     @once
     def _given_length(self) -> float:
-        return _length(self.posterior.recordings(self.nothing))
+        return float(mean_lengths(self.recordings(self.nothing)).mean())
 
 
 def _finite(gain: float) -> float:
@@ -257,6 +219,6 @@ def _finite(gain: float) -> float:
     return max(gain, -NATS_PER_FALL)
 
 
-def _length(recordings: Sequence[Recording]) -> float:
-    """Return the mean length of the paths, px."""
-    return float(np.mean([recording.capture().mean_length for recording in recordings]))
+def mean_lengths(recordings: Sequence[Recording]) -> FloatArray:
+    """Return the mean length of the paths of each recording, px."""
+    return np.array([recording.capture().mean_length for recording in recordings])

@@ -11,16 +11,14 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import product, zip_longest
-from typing import NamedTuple
 
 import numpy as np
 
 from rsdeblur._util.threads import share_map
 from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, SHARED, Recording
-from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior
-from rsdeblur.estimate.score import EVIDENCE, HOPELESS, NATS_PER_NUMBER, PROOFS, Score
+from rsdeblur.estimate.posterior import UNDESCRIBED
+from rsdeblur.estimate.score import EVIDENCE, HOPELESS, NATS_PER_NUMBER, PROOFS, Score, mean_lengths
 from rsdeblur.estimate.sharpness import NATS_PER_FALL, SHORTER
-from rsdeblur.estimate.streaks import lead_of
 from rsdeblur.motion.arguments import is_held
 from rsdeblur.motion.axes import rotations
 from rsdeblur.types import FloatArray, Progress
@@ -66,24 +64,18 @@ FREE = ("scale", "offset")
 FITTED = 4
 
 
-class Adjustment(NamedTuple):
-    """Parameters along which parabolas adjust a correction, and their steps, standard deviations."""
-
-    names: tuple[str, ...]
-    steps: tuple[float, ...]
-
-
+# Parameters along which parabolas adjust a correction, and their steps, standard deviations.
 ADJUSTMENTS = {
     # The quick measure of the sharp picture adjusts those of these that are corrected. At last the whole solve adjusts
     # all others with the last step: it finds them more exactly, but on real photos, where the scene has several depths,
     # it leads to drifts that are too long.
-    "quick": Adjustment(("scale", *DRIFT, *ACCELERATION), (0.6, 0.3)),
+    "quick": (("scale", *DRIFT, *ACCELERATION), (0.6, 0.3)),
     # A correction that is accepted may be bent. The first step is along the acceleration alone.
-    "bent": Adjustment((*DRIFT, *ACCELERATION), (1.0, 0.5)),
+    "bent": ((*DRIFT, *ACCELERATION), (1.0, 0.5)),
     # Light streaks begin at the best place of the grid of drifts, or at no correction. The spectra join the last steps.
-    "streaks": Adjustment(("scale", *DRIFT), (0.8, 0.4, 0.2)),
+    "streaks": (("scale", *DRIFT), (0.8, 0.4, 0.2)),
     # The spectra hardly change within a step of the candidates of `find_time_offset`.
-    "offset": Adjustment(("offset",), (0.4, 0.2)),
+    "offset": (("offset",), (0.4, 0.2)),
 }
 
 
@@ -104,43 +96,38 @@ class Search:
         if not near:
             return candidates[0], TOO_FAR if likely else NOT_CLEAR
         # The search found the largest of many falls. The whole solve is free of what favoured them by chance.
-        falls = [
-            np.minimum(score.falls(place), whole).sum()
-            for place, whole in zip(near, score.whole_falls(near), strict=True)
-        ]
-        scores = [
-            score.gain(place) + NATS_PER_FALL * fall - score.cost(place)
-            for place, fall in zip(near, falls, strict=True)
-        ]
-        refused, quick = [], ADJUSTMENTS["quick"]
+        whole = score.whole_falls(near)
+        scores = [self._by_both(*each) - score.cost(each[0]) for each in zip(near, whole, strict=True)]
+        refused, (names, steps) = [], ADJUSTMENTS["quick"]
         for n in np.argsort(scores)[::-1]:
-            place = adjusted(near[n], score.all, self._steps_of(near[n], quick.names), progress, steps=quick.steps)
+            place = adjusted(near[n], score.all, score.directions(names, near[n]), progress, steps=steps)
             reason = self._doubt(place)
             if not reason:
                 return self._bent(self._polished(place, progress), progress), reason
             refused.append((place, reason))
         return refused[0]
 
-    def _steps_of(self, place: FloatArray, names: Sequence[str]) -> list[FloatArray]:
-        """Return unit steps along those of some parameters that a correction changes."""
-        return [step for step in self._score.posterior.directions(names) if place[step > 0].any()]
+    def _by_both(self, place: FloatArray, whole: FloatArray) -> float:
+        """Return the score of a correction, if the smaller of both falls of each photo counts."""
+        smaller = np.minimum(whole, self._score.falls(place))
+        return self._score.gain(place) + NATS_PER_FALL * float(smaller.sum())
 
     def _polished(self, place: FloatArray, progress: Progress) -> FloatArray:
         """Return a credible correction, adjusted by the whole solve; unchanged if it would no longer be credible."""
         names, steps = ADJUSTMENTS["quick"]
-        others = self._steps_of(place, [name for name in PARAMETERS if name not in names])
+        others = self._score.directions([name for name in PARAMETERS if name not in names], place)
         polished = adjusted(place, self._score.all_whole, others, progress, steps=steps[-1:])
         return place if self._doubt(polished) else polished
 
     def _bent(self, place: FloatArray, progress: Progress) -> FloatArray:
         """Return a credible correction, bent by an acceleration; unchanged if the picture does not show one."""
         score = self._score
-        if not set(ACCELERATION) <= set(score.posterior.free):
+        if not set(ACCELERATION) <= set(score.free):
             return place
         least = score.of(place) - score.cost(place) + EVIDENCE
         bent, (both, steps) = place, ADJUSTMENTS["bent"]
         for names, step in zip((ACCELERATION, both), steps, strict=True):
-            bent = adjusted(bent, score.all, score.posterior.directions(names), progress, steps=(step,))
+            bent = adjusted(bent, score.all, score.directions(names), progress, steps=(step,))
             if score.of(bent) - score.cost(bent) < least:
                 return place
         straight, whole = score.all_whole([place, bent])
@@ -150,18 +137,17 @@ class Search:
     def _doubt(self, place: FloatArray) -> str:
         """Return why an adjusted correction is not credible; empty if it is."""
         score, changed = self._score, {PARAMETERS[at] for at in np.nonzero(place)[1].tolist()}
-        least = PROOFS["readout" if changed == {"readout"} else "usual"]
+        least, smaller = PROOFS["readout" if changed == {"readout"} else "usual"], PROOFS["smaller"]
         if score.of(place) < least.score:
             return NOT_CLEAR
-        recordings = score.posterior.recordings(place)
+        recordings = score.recordings(place)
         if np.abs(place).max() > MOST_DEVIATIONS or not all(is_held(each.capture()) for each in recordings):
             return TOO_FAR
         (whole,), quick = score.whole_falls([place]), score.falls(place)
-        by_both = score.gain(place) + NATS_PER_FALL * np.minimum(whole, quick).sum()
         # The mean of several falls is as certain as a single larger one.
         mean, count = float(whole.mean()), len(whole)
         proof = mean * np.sqrt(count)
-        sharper = proof >= least.fall or (by_both >= PROOFS["smaller"].score and proof >= PROOFS["smaller"].fall)
+        sharper = proof >= least.fall or (self._by_both(place, whole) >= smaller.score and proof >= smaller.fall)
         # The quick measure must not rise; a fall proves less there, as the largest of many.
         if not sharper or quick.sum() < 0:
             return NOT_SHARPER
@@ -169,20 +155,20 @@ class Search:
 
     def _candidates(self, progress: Progress) -> list[FloatArray]:
         """Return the best correction of each model, and the best with its numbers alone; the best of all first."""
-        score, posterior = self._score, self._score.posterior
+        score = self._score
         best, most = score.nothing, 0.0
         found = {best.tobytes(): (most, best)}
         tried: list[list[str]] = [[]]
         for n, (names, count) in enumerate(MODELS):
             progress("search", n / len(MODELS))
-            model, last = [name for name in names if name in posterior.free], names is STRAIGHT
+            model, last = [name for name in names if name in score.free], names is STRAIGHT
             # Descents of the last model take long, so it begins at the best place only, if that is worth it.
             if model in tried or (last and most < EVIDENCE):
                 continue
             tried.append(model)
             begin = [best] if last or not best.any() else [score.nothing, best]
             starts = [*begin, *self._starts(model, count)]
-            places = share_map(partial(posterior.descend, free=model), starts, self._score.threads)
+            places = share_map(partial(score.descend, free=model), starts, self._score.threads)
             scores = np.array(score.all(places)) - [score.cost(place) for place in places]
             top = int(scores.argmax())
             others = [name not in model for name in PARAMETERS]
@@ -200,7 +186,8 @@ class Search:
         score = self._score
         if len(score.photos) > 1 and not set(model) & set(SHARED):
             # Numbers that belong to the photo: photos do not depend on each other.
-            alone = [Search(score.alone(n))._starts(model, count) for n in range(len(score.photos))]
+            each_alone = (Score([photo], score.deviations, score.threads) for photo in score.photos)
+            alone = [Search(each)._starts(model, count) for each in each_alone]
             return [np.concatenate(rows) for rows in zip_longest(*alone, fillvalue=score.nothing[:1])]
         places = self._grid(model, count)
         gains = np.array(share_map(score.spectra_gain, places, self._score.threads))
@@ -211,20 +198,20 @@ class Search:
 
     def _grid(self, model: Sequence[str], count: int) -> list[FloatArray]:
         """Return places that are spread over the parameters of a model, `count` values of each; none if it is empty."""
-        steps = self._score.posterior.directions(model)
+        steps = self._score.directions(model)
         values = product(np.linspace(-WIDEST, WIDEST, count), repeat=len(steps))
         return [self._score.nothing + np.tensordot(each, steps, 1) for each in values] if steps else []
 
     def _followed(self, progress: Progress) -> list[FloatArray]:
         """Return the correction that light streaks prefer, and what the spectra and they prefer from there."""
         score, (names, steps) = self._score, ADJUSTMENTS["streaks"]
-        axes = score.posterior.directions(names)
-        if len(score.photos) > 1 or not axes or not score.photos[0].streaks.streaks:
+        axes = score.directions(names)
+        if len(score.photos) > 1 or not axes or not score.photos[0].picture.streaks.streaks:
             return []
 
         def likely(places: Sequence[FloatArray]) -> list[float]:
             return share_map(
-                lambda place: sum(score.streak_nats(place)) - score.posterior.prior(place), places, self._score.threads
+                lambda place: sum(score.streak_nats(place)) - score.prior(place), places, self._score.threads
             )
 
         def gains(places: Sequence[FloatArray]) -> list[float]:
@@ -239,10 +226,8 @@ class Search:
 
 
 def agree(falls: FloatArray) -> bool:
-    """Return whether the falls of several photos, shape (N,), agree; one alone always does.
-
-    Falls count up to twice their median: a photo that becomes far clearer than the others does not contradict them.
-    """
+    """Return whether the falls of several photos, shape (N,), agree; one alone always does."""
+    # A photo that becomes far clearer than the others does not contradict them.
     count, falls = len(falls), np.minimum(falls, 2 * np.median(falls))
     return count == 1 or bool(falls.mean() > LEAST_AGREEMENT * falls.std(ddof=1) / np.sqrt(count))
 
@@ -272,48 +257,34 @@ def adjusted(
 
 def rival_lead(score: Score, found: Sequence[Recording]) -> float:
     """Return by how many nats the photos are likelier with the best other mounting than with corrected recordings."""
-    photos = score.photos
-    own = photos[0].likelihood.recording.camera.imu_to_camera
-    nats = [photo.likelihood.spectra.score(each) for photo, each in zip(photos, found, strict=True)]
-    clear = [photo.quick.of(each) for photo, each in zip(photos, found, strict=True)]
-    lengths = [each.capture().mean_length for each in found]
-    traced = [photo.streaks.nats(each) for photo, each in zip(photos, found, strict=True)]
-    steps = score.posterior.directions(["offset"])
+    corrected, lengths = score.under(found), mean_lengths(found)
+    steps = score.directions(["offset"])
     shares = (-1.0, -0.5, 0.0, 0.5, 1.0)
     places = [score.nothing + share * WIDEST * steps[0] for share in shares] if steps else [score.nothing]
-    free = [name for name in FREE if name in score.posterior.free]
+    free = [name for name in FREE if name in score.free]
 
-    def tried(turn: FloatArray) -> tuple[Posterior, list[float]]:
-        """Return how likely corrections of another mounting are, and its leads at the places of all offsets."""
-        turned = []
-        for photo in photos:
-            recording = photo.likelihood.recording
-            other = replace(recording, camera=replace(recording.camera, imu_to_camera=turn @ own))
-            turned.append(PhotoLikelihood(photo.likelihood.spectra, other, score.deviations))
-        posterior = Posterior(turned, score.deviations)
-        return posterior, [posterior.lead(place, nats) for place in places]
+    def tried(turn: FloatArray) -> tuple[Score, list[float]]:
+        """Return the scores with another mounting, and the leads of its spectra at the places of all offsets."""
+        given = [photo.recording for photo in score.photos]
+        turned = replace(given[0].camera, imu_to_camera=turn @ given[0].camera.imu_to_camera)
+        rival = score.under([replace(each, camera=turned) for each in given])
+        return rival, [rival.spectra_gain(place, corrected) for place in places]
 
-    def by_pictures(n: int, other: Recording) -> float:
-        """Return by how much a photo is likelier with another recording by its streaks and its sharp picture."""
-        fall = clear[n] - photos[n].quick.of(other)
+    def evidence(rival: Score, place: FloatArray) -> float:
+        falls = rival.falls(place, corrected)
         # With shorter paths, the corrected recording may be clearer because it removes less blur: that counts little.
-        if lengths[n] < SHORTER * other.capture().mean_length:
-            fall = max(fall, -PROOFS["usual"].fall)
-        return lead_of(photos[n].streaks.nats(other), traced[n]) + NATS_PER_FALL * fall
+        shorter = lengths < SHORTER * mean_lengths(rival.recordings(place))
+        falls = np.where(shorter, falls.clip(-PROOFS["usual"].fall), falls)
+        return rival.gain(place, corrected) + NATS_PER_FALL * float(falls.sum())
 
-    def evidence(posterior: Posterior, place: FloatArray) -> float:
-        others = enumerate(posterior.recordings(place))
-        return posterior.lead(place, nats) + sum(by_pictures(n, other) for n, other in others)
-
-    def whole_lead(rival: tuple[Posterior, list[float]]) -> float:
-        posterior, leads = rival
+    def whole_lead(rival: Score, leads: Sequence[float]) -> float:
         compared = [place for place, lead in zip(places, leads, strict=True) if lead >= HOPELESS]
         if free:
             with suppress(*UNDESCRIBED):
-                compared.append(posterior.descend(places[int(np.argmax(leads))], free))
-        return max((evidence(posterior, place) for place in compared), default=-np.inf)
+                compared.append(rival.descend(places[int(np.argmax(leads))], free))
+        return max((evidence(rival, place) for place in compared), default=-np.inf)
 
     # Left-handed axes have the spectra of right-handed ones.
     turns = [turn for turn in rotations() if not np.array_equal(turn, np.eye(3))]
     rivals = sorted(share_map(tried, turns, score.threads), key=lambda rival: -max(rival[1]))
-    return max(share_map(whole_lead, rivals[:FITTED], score.threads))
+    return max(share_map(lambda rival: whole_lead(*rival), rivals[:FITTED], score.threads))

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,39 +44,36 @@ FRAME = 16
 FAINTEST = 1e-9
 # Penalties of the steps of total variation, which do not extrapolate: more steps distinguish motions no better.
 PENALTIES = (5.0, 14.0)
-# Shorter side, px, from which pictures tell a motion from half a turn of it. With right motions, the measure reached
-# 0.03 in pictures of 66 to 100 px, and 0.008 in larger ones.
-LEAST_TURNED = 160
 # Nats of the spectra that a fall of the logarithm of l1 / l2 is worth.
 NATS_PER_FALL = 1000.0
 # Share of the length of other paths below which it favours the shorter ones: less deblurring leaves fewer waves.
 SHORTER = 0.85
 
 
-class Moving(Protocol):
-    """A camera and, on demand, its motion, as in :class:`rsdeblur.estimate.correction.Recording`."""
-
-    @property
-    def camera(self) -> Camera:
-        """The camera of the picture as stored."""
-
-    def capture(self, scale: float = 1.0) -> Capture:
-        """Return the capture of the upright picture, reduced by a factor `scale`."""
+def captured(moving: Recording | Capture, scale: float = 1.0) -> Capture:
+    """Return a capture, or that of a recording, of the upright picture reduced by a factor."""
+    if isinstance(moving, Recording):
+        return moving.capture(scale)
+    if scale == 1.0 and moving.softness == 0.0:
+        return moving  # it may have its probe already
+    # In the reduced picture, a softness of up to 1 px hardly counts.
+    return replace(moving, camera=moving.camera.scaled(scale), softness=0.0)
 
 
 class QuickSharpness:
     """How concentrated the gradient of the sharp picture is under several motions, with the same strength.
 
     `light` is linear, shape (H, W), of the picture as stored, or already reduced, but not below 640 px. The strength
-    follows from `recording`, the one given.
+    follows from `recording`, the one given. A capture in its place belongs to an upright picture.
     """
 
-    def __init__(self, light: FloatImage, recording: Moving) -> None:
-        length = max(recording.capture().mean_length, 1.0)
+    def __init__(self, light: FloatImage, recording: Recording | Capture) -> None:
+        length = max(captured(recording).mean_length, 1.0)
         self._scale = scale_of(recording.camera, LONGEST_BLUR / length)
         light = upright(light, recording.camera, self._scale)
         rows, cols = (tile_centres(count, side) for count, side in zip(TILES, light.shape, strict=True))
-        bank = self._bank(recording, rows, cols)
+        # So few PSFs are drawn sooner than threads start.
+        bank = PsfBank.from_paths(self._paths(recording, rows, cols), threads=1)
         tuning = assumed(light[..., None], bank)
         self._tiles = _RepeatingTiles(light, bank.size, nsr=tuning.border_error, softness=softness(self._scale))
         self._shares = contrast_shares(self._tiles.observed_parts)
@@ -86,70 +82,37 @@ class QuickSharpness:
         self.centres = down / light.shape[0], across / light.shape[1]
         self._prior = DerivativePrior("tv", tuning.weight("tv", 1.0), peak=brightness(light))
 
-    def _bank(self, recording: Moving, rows: FloatArray, cols: FloatArray) -> PsfBank:
-        # So few PSFs are drawn sooner than threads start.
-        return PsfBank.from_paths(self._paths(recording, rows, cols), threads=1)
+    def _paths(self, recording: Recording | Capture, rows: FloatArray, cols: FloatArray) -> BlurPaths:
+        return BlurPaths.from_capture(captured(recording, self._scale), rows, cols)
 
-    def _paths(self, recording: Moving, rows: FloatArray, cols: FloatArray) -> BlurPaths:
-        return BlurPaths.from_capture(recording.capture(self._scale), rows, cols)
+    def tiles(self, recording: Recording) -> FloatArray:
+        """Return what each tile contributes to the mean logarithm of l1 / l2 of the gradient, shape (N,)."""
+        return self._under(self._paths(recording, *self._tiles.centres))
 
-    def of(self, recording: Moving) -> float:
-        """Return the mean logarithm of l1 / l2 of the gradient of the sharp tiles; infinite without a motion."""
-        try:
-            return float(self.tiles(recording).sum())
-        except UNDESCRIBED:
-            return np.inf
-
-    def tiles(self, recording: Moving) -> FloatArray:
-        """Return what each tile contributes to that mean, shape (N,); errors where the log describes no motion."""
-        return self._under(self._otfs(recording))
-
-    def half_turn(self, recording: Moving, own: float | None = None) -> float:
-        """Return by how much that falls if the motion is turned by half a turn about the optical axis.
-
-        The spectra of the blurred picture are the same then. Pictures of less than `LEAST_TURNED` px show too little to
-        tell: 0. `own` is what :meth:`of` returns for the motion, if that is known.
-        """
-        if min(recording.camera.width, recording.camera.height) < LEAST_TURNED:
-            return 0.0
-        # A PSF turned by half a turn has the conjugate OTF.
-        turned = float(self._under(self._otfs(recording).conj()).sum())
-        return (self.of(recording) if own is None else own) - turned
-
-    def under_others(
-        self, recording: Moving, others: Sequence[FloatArray | float], *, threads: int | None = 1
-    ) -> list[float]:
-        """Return the measure of :meth:`of` with motions that are other than a recording's.
+    def under(self, capture: Capture, motions: Sequence[FloatArray | float], *, threads: int | None) -> list[float]:
+        """Return the mean over the tiles with each of several motions, which threads share.
 
         A motion is a path that all pixels have, px of the upright picture, shape (T, 2), or a factor on the paths.
-        Threads share them; None means all processors.
         """
-        own = self._paths(recording, *self._tiles.centres)
+        own = self._paths(capture, *self._tiles.centres)
 
         def measure(other: FloatArray | float) -> float:
             if isinstance(other, float):
                 displacements = other * own.displacements
             else:
                 displacements = np.broadcast_to(self._scale * other, (*own.displacements.shape[:2], *other.shape))
-            bank = PsfBank.from_paths(replace(own, displacements=displacements), threads=1)
-            return float(self._under(self._tiles.otfs(bank.kernels)).sum())
+            return float(self._under(replace(own, displacements=displacements)).sum())
 
-        return share_map(measure, others, threads)
+        return share_map(measure, motions, threads)
 
-    def _otfs(self, recording: Moving) -> ComplexArray:
-        return self._tiles.otfs(self._bank(recording, *self._tiles.centres).kernels)
-
-    def _under(self, otfs: ComplexArray) -> FloatArray:
-        solver = _RepeatingSolver(self._tiles, otfs)
+    def _under(self, paths: BlurPaths) -> FloatArray:
+        solver = _RepeatingSolver(self._tiles, self._tiles.otfs(PsfBank.from_paths(paths, threads=1).kernels))
         *_, (sharp, _) = self._prior.steps(solver, penalties=PENALTIES, ahead=0.0, threads=1)
         return self._shares * concentrations(self._tiles.parts(sharp))
 
 
 class WholeSharpness:
-    """How concentrated the gradient of the sharp picture is under several motions, by the solve of the whole picture.
-
-    Arguments are those of :class:`QuickSharpness`.
-    """
+    """How concentrated the gradient of the sharp picture is under several motions, if the whole picture is solved."""
 
     def __init__(self, light: FloatImage, recording: Recording) -> None:
         self._scale = scale_of(recording.camera)
@@ -266,9 +229,7 @@ def _faded(tiles: NDArray[np.float32], axis: int, fade: int) -> NDArray[np.float
     rising = np.sin(0.5 * np.pi * (np.arange(fade, dtype=np.float32) + 0.5) / fade) ** 2
     first = rising * tiles[..., :fade] + (1 - rising) * tiles[..., period:]
     # The faded values lie half before the end and half after the beginning.
-    before, faded = fade // 2, np.empty((*tiles.shape[:-1], period), dtype=np.float32)
-    faded[..., period - before :], faded[..., : fade - before] = first[..., :before], first[..., before:]
-    faded[..., fade - before : period - before] = tiles[..., fade:period]
+    faded = np.roll(np.concatenate([first, tiles[..., fade:period]], axis=-1), -(fade // 2), axis=-1)
     return np.moveaxis(faded, -1, axis)
 
 

@@ -49,16 +49,12 @@ Places = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Streak:
-    """A trail with its centre in the upright picture, px, and what surrounds it, shape (N, N).
-
-    `values` is the light of thin things, 0 where others than the trail are; `seen` is 0 where others are, and beyond
-    the picture; 1 elsewhere.
-    """
+    """A trail with its centre in the upright picture, px, and what surrounds it, shape (N, N)."""
 
     row: int
     col: int
-    values: NDArray[np.float32]
-    seen: NDArray[np.float32]
+    values: NDArray[np.float32]  # light of thin things, 0 where others than the trail are
+    seen: NDArray[np.float32]  # 0 where others are, and beyond the picture; 1 elsewhere
 
 
 class LightStreaks:
@@ -80,12 +76,10 @@ class LightStreaks:
         self._reach = int((1 - LENGTHS[0]) * diagonal + MARGIN)
         self._centre = _half(diagonal)
         self._side = fft.next_fast_len(2 * self._centre + 1 + self._reach, real=True)
-        nearest = [
+        self._places = [
             (int(np.abs(self._rows - each.row).argmin()), int(np.abs(self._cols - each.col).argmin()))
             for each in self.streaks
         ]
-        self._places = sorted(set(nearest))
-        self._place = [self._places.index(each) for each in nearest]
         if self.streaks:
             values, seen = (np.stack([getattr(each, name) for each in self.streaks]) for name in ("values", "seen"))
             self._power = np.square(values).sum(axis=(1, 2))[:, None, None, None]
@@ -103,21 +97,18 @@ class LightStreaks:
         if not self.streaks:
             return 0.0
         try:
-            lost = 1 - np.square(self.correlations(recording))
+            kernels = PsfBank.from_paths(self._paths(recording), threads=1).kernels
         except UNDESCRIBED:
             return 0.0
-        # The logarithm of a sum: a trail of the motion, or one of anything.
-        return float((MOST_NATS + np.logaddexp(-NATS_PER_LOSS * lost, -MOST_NATS)).sum())
-
-    def correlations(self, recording: Recording) -> FloatArray:
-        """Return the largest correlation of each trail with the PSF there, over shifts and sizes of the thing."""
-        kernels = PsfBank.from_paths(self._paths(recording), threads=1).kernels
         trails = np.stack([_trails(kernels[place], self._side, self._centre) for place in self._places])
-        least = LEAST_SEEN * np.square(trails).sum(axis=(2, 3), keepdims=True)[self._place]
-        drawn, squares = (self._spectra(each).conj()[self._place] for each in (trails, np.square(trails)))
+        least = LEAST_SEEN * np.square(trails).sum(axis=(2, 3), keepdims=True)
+        drawn, squares = (self._spectra(each).conj() for each in (trails, np.square(trails)))
         power = self._near(self._seen * squares)
         rho = self._near(self._values * drawn) / np.sqrt(np.where(power <= least, np.inf, self._power * power))
-        return np.array([max(map(_peak, each)) for each in rho])
+        # The largest correlation of each trail with the PSF there, over shifts and sizes of the thing.
+        lost = 1 - np.square([max(map(_peak, each)) for each in rho])
+        # The logarithm of a sum: a trail of the motion, or one of anything.
+        return float((MOST_NATS + np.logaddexp(-NATS_PER_LOSS * lost, -MOST_NATS)).sum())
 
     def _near(self, product: ComplexArray) -> FloatImage:
         """Return the correlations at all shifts that are near enough."""
@@ -155,10 +146,7 @@ def find_streaks(light: FloatImage, diagonal: float) -> list[Streak]:
 
 
 def thin_things(light: FloatImage, smoothing: float = SOFTNESS) -> FloatImage:
-    """Return the light of things that are thinner than `THICKEST` px, without that of what they lie on.
-
-    It is smoothed first, against noise and jagged edges, by a Gaussian with this standard deviation, px.
-    """
+    """Return the light of things thinner than `THICKEST` px, smoothed first, without that of what they lie on."""
     smooth = ndimage.gaussian_filter(light, smoothing, mode="nearest")
     thin: FloatImage = smooth - ndimage.grey_opening(smooth, size=(THICKEST, THICKEST), mode="nearest")
     return thin

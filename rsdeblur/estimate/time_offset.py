@@ -24,7 +24,7 @@ from rsdeblur.estimate.check import ALTERNATIVES, best_alternative
 from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, Correction, Recording, Uncertainty
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.posterior import UNDESCRIBED, costs_of
-from rsdeblur.estimate.refine import exposures_of, grey_lights
+from rsdeblur.estimate.refine import grey_lights, longest_of, recordings_of
 from rsdeblur.estimate.score import PROOFS, Score
 from rsdeblur.estimate.search import (
     ADJUSTMENTS,
@@ -40,7 +40,6 @@ from rsdeblur.estimate.search import (
     rival_lead,
 )
 from rsdeblur.image.encoded import EncodedImage, upright
-from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -153,14 +152,11 @@ def find_time_offset(
     >>> rsdeblur.find_time_offset(image, log, camera, rsdeblur.Exposure(0.25, 0.05)).time_offset  # doctest: +SKIP
     0.0123
     """
-    exposures = exposures_of(exposure)
-    for each in exposures:
-        check_recording(log, camera, each)
+    recordings = recordings_of(log, camera, exposure)
     validate.callback("progress", progress)
     first, last = validate.real_array("search", search, (2,), most=validate.MOST_SECONDS).tolist()
     if last - first < 2 * STEP:
         raise InputError(f"search must span at least {2 * STEP:g} s, got {first:g} to {last:g}")
-    recordings = [Recording(log, camera, each) for each in exposures]
     shifts = reduce(np.intersect1d, (_covered(each, first, last) for each in recordings))
     if len(shifts) == 0:
         raise CoverageError("the log covers the exposures under no offset of the search; widen it, or check the clocks")
@@ -183,7 +179,7 @@ class _Answer(NamedTuple):
 
     @property
     def recordings(self) -> list[Recording]:
-        return self.score.posterior.recordings(self.place)
+        return self.score.recordings(self.place)
 
     @property
     def offset(self) -> float:
@@ -201,8 +197,7 @@ class _Clock:
         threads: int | None,
     ) -> None:
         self._lights, self._given, self._shifts = lights, recordings, shifts
-        longest = max((each.exposure for each in recordings), key=lambda each: each.duration)
-        deviations = Uncertainty().deviations(recordings[0].camera, longest)
+        deviations = Uncertainty().deviations(recordings[0].camera, longest_of(recordings))
         # Measures need a recording that the log describes: the nearest to the one that is given.
         nearest = float(shifts[np.abs(shifts).argmin()])
         self._score = Score.of_photos(lights, self._shifted(nearest), deviations, threads)
@@ -219,7 +214,7 @@ class _Clock:
         lead = best.total - max(others, default=-np.inf)
         best = self._searched(best, progress)
         at, given = PARAMETERS.index("offset"), self._given[0].camera.time_offset
-        sd = float(best.score.posterior.spread(best.place)[0, at] * best.score.deviations[at])
+        sd = float(best.score.spread(best.place)[0, at] * best.score.deviations[at])
         reason = AT_END if best.candidate in (0, len(costs) - 1) else self._doubt(best, lead, sd)
         rivals = rival_lead(best.score, best.recordings)
         # What is not sure may still be sure of other axes.
@@ -229,15 +224,13 @@ class _Clock:
         return OffsetSearch(None if reason else offset, offset, sd, lead, reason, given + self._shifts, costs, camera)
 
     def _camera(self, best: _Answer) -> Camera:
-        """Return the camera with the offset of an answer, and with the likeliest readout time where that is a guess.
-
-        The spectra alone find both: neither is known, so neither needs the proof of a correction.
-        """
-        camera, posterior = replace(self._given[0].camera, time_offset=best.offset), best.score.posterior
+        """Return the camera with the offset of an answer, and with the likeliest readout time where that is a guess."""
+        # The spectra alone find both: neither is known, so neither needs the proof of a correction.
+        camera, score = replace(self._given[0].camera, time_offset=best.offset), best.score
         if not camera.readout_sd:
             return camera
         offset, readout = map(PARAMETERS.index, MOMENT)
-        units, places = best.score.deviations, [best.place]
+        units, places = score.deviations, [best.place]
         for share in (-0.5, 0.0, 0.5):
             place = best.place.copy()
             place[:, readout] += share
@@ -245,12 +238,12 @@ class _Clock:
             later = camera.readout_time * np.expm1(share * units[readout]) / 2
             place[:, offset] += later / units[offset]
             with suppress(*UNDESCRIBED):
-                places.append(posterior.descend(place, MOMENT))
-        nats = posterior.nats(best.place)
+                places.append(score.descend(place, MOMENT))
+        nats = score.nats(best.place)
         assert nats is not None, "the log describes the answer"
-        place = max(places, key=lambda place: posterior.lead(place, nats))
-        found = posterior.recordings(place)[0].camera
-        sd = float(posterior.spread(place)[0, readout] * units[readout]) * found.readout_time
+        place = max(places, key=lambda place: score.lead(place, nats))
+        found = score.recordings(place)[0].camera
+        sd = float(score.spread(place)[0, readout] * units[readout]) * found.readout_time
         sd = min(sd, camera.readout_sd)
         return replace(camera, time_offset=found.time_offset, readout_time=found.readout_time, readout_sd=sd)
 
@@ -282,22 +275,13 @@ class _Clock:
 
     def _curve(self, progress: Progress) -> FloatArray:
         """Return how much less likely than the best the candidates are by the spectra, nats; infinite without a log."""
-        photos = self._score.photos
 
-        def score(n: int) -> list[FloatArray] | None:
+        def nats(n: int) -> list[FloatArray] | None:
             progress("search", n / len(self._shifts))
-            pairs = zip(photos, self._shifted(float(self._shifts[n])), strict=True)
-            try:
-                return [photo.likelihood.spectra.score(each) for photo, each in pairs]
-            except UNDESCRIBED:
-                return None
+            shifted = self._score.under(self._shifted(float(self._shifts[n])))
+            return shifted.nats(shifted.nothing)
 
-        every = share_map(score, range(len(self._shifts)), self._score.threads)
-        described = [each for each in every if each is not None]
-        costs = np.full(len(every), np.inf)
-        costs[[each is not None for each in every]] = sum(
-            costs_of(np.array(photo)) for photo in zip(*described, strict=True)
-        )
+        costs = costs_of(share_map(nats, range(len(self._shifts)), self._score.threads))
         least: FloatArray = costs - costs.min()
         return least
 
@@ -311,18 +295,15 @@ class _Clock:
     def _corrected(self, n: int) -> _Answer:
         """Return a candidate, corrected by the spectra and adjusted by the sharp pictures."""
         score = self._score.under(self._shifted(float(self._shifts[n])))
-        posterior = score.posterior
 
         def totals(places: Sequence[FloatArray]) -> list[float]:
-            return share_map(
-                lambda place: score.over(place, self._score) - score.cost(place), places, self._score.threads
-            )
+            return share_map(lambda place: score.over(place, self._score) - score.cost(place), places, score.threads)
 
-        models = [[name for name in names if name in posterior.free] for names in MODELS]
-        places = share_map(lambda model: posterior.descend(score.nothing, model), models, self._score.threads)
+        models = [[name for name in names if name in score.free] for names in MODELS]
+        places = share_map(lambda model: score.descend(score.nothing, model), models, score.threads)
         place = places[int(np.argmax(totals(places)))]
         names, steps = ADJUSTMENTS["offset"]
-        axes = posterior.directions(names)
+        axes = score.directions(names)
         return self._answer(n, score, adjusted(place, totals, axes, lambda *_: None, steps=steps))
 
     def _searched(self, answer: _Answer, progress: Progress) -> _Answer:
@@ -339,10 +320,7 @@ class _Clock:
 
 
 def _covered(recording: Recording, first: float, last: float) -> FloatArray:
-    """Return the candidates that the log covers, s; steps are counted from `first`.
-
-    InputError if they span more than `MOST_SEARCH`.
-    """
+    """Return the candidates that the log covers, s, at most `MOST_SEARCH`; steps are counted from `first`."""
     log, camera, exposure = recording.log, recording.camera, recording.exposure
     opens, closes = exposure.span(camera)
     # Camera time minus the log's own time.

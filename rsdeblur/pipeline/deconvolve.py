@@ -17,8 +17,8 @@ from rsdeblur.image.encoded import EncodedImage, result_like
 from rsdeblur.image.highlights import full_scale
 from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.plan import DeblurResult
-from rsdeblur.pipeline.solver import PictureSolver, chroma_of
+from rsdeblur.pipeline.plan import DeblurResult, result_of
+from rsdeblur.pipeline.solver import PictureSolver
 from rsdeblur.pipeline.steps import StageClock, derive_strengths, solve_chunks, split_highlights
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Progress
@@ -134,26 +134,13 @@ def _solved(
         # Kernels, unlike paths, have no half size.
         options = replace(options, chroma="full")
     out, channelled = result_like(image, out)
-    bands, strips = bank.kernels.shape[:2]
     (split,) = split_highlights([encoded], options, [bank], clock)
     with clock.stage("tune"):
         strengths = derive_strengths(split, options, bank)
-    solve_chunks(split, channelled, PictureSolver(options, strengths, bank), clock)
-    return DeblurResult(
-        image=out,
-        transfer=encoded.transfer,
-        psfs=bank,
-        bands=bands,
-        strips=strips,
-        nsr=strengths.nsr,
-        weight=strengths.weight,
-        coverage=np.broadcast_to(np.True_, encoded.shape[:2]),
-        timings=clock.timings,
-        noise=strengths.noise,
-        chroma=chroma_of(options, bank.size, encoded.shape),
-        mode=mode_of(bank),
-        blurred=np.asarray(image),
-    )
+    solver = PictureSolver(options, strengths, bank)
+    coverage = solve_chunks(split, channelled, solver, clock)
+    found = {"coverage": coverage, "timings": clock.timings, "mode": mode_of(bank), "blurred": np.asarray(image)}
+    return result_of(out, encoded, solver, bands=bank.kernels.shape[0], **found)
 
 
 def _remarks(encoded: EncodedImage, bank: PsfBank, options: Options) -> list[str]:

@@ -196,23 +196,13 @@ class Plan:
             check = judged(encoded, upright, evidence, meter, self.options, clock)
         if check is not None and self.refinement is not None:
             check = doubted_by(self.refinement, check)
-        bands, strips = bank.kernels.shape[:2]
-        mode = self.options.mode_in_effect
-        return DeblurResult(
-            image=out,
-            transfer=encoded.transfer,
+        return result_of(
+            *(out, encoded, solver),
             psfs=self.frame.bank(bank),
-            bands=encoded.shape[0] if mode == "rowwise" else bands,
-            strips=strips,
-            nsr=strengths.nsr,
-            weight=strengths.weight,
             coverage=self.frame.back(coverage),
             timings=self.spent | clock.timings,
             check=check,
-            noise=strengths.noise,
             refinement=self.refinement,
-            chroma=chroma_of(self.options, bank.size, encoded.shape),
-            mode=mode,
             tile_error=tile_errors(self.capture)[0] ** 0.5,
             blurred=np.asarray(image),
         )
@@ -249,6 +239,23 @@ class Plan:
             Noise-to-signal ratio that decides the automatic numbers of bands and strips.
         """
         return tile_paths(self.capture, self.options.mode_in_effect, self.options.bands, self.options.strips, nsr)
+
+
+def result_of(image: NDArray[Any], encoded: EncodedImage, solver: PictureSolver, **found: Any) -> DeblurResult:
+    """Return a result with what its solver used, and the fields that are given."""
+    (bands, strips), options, strengths = solver.bank.kernels.shape[:2], solver.options, solver.strengths
+    used = {
+        "transfer": encoded.transfer,
+        "psfs": solver.bank,
+        "bands": encoded.shape[0] if options.mode_in_effect == "rowwise" else bands,
+        "strips": strips,
+        "nsr": strengths.nsr,
+        "weight": strengths.weight,
+        "noise": strengths.noise,
+        "chroma": chroma_of(options, solver.bank.size, encoded.shape),
+        "mode": options.mode_in_effect,
+    }
+    return DeblurResult(image, **used | found)
 
 
 def captured(frame: ReadoutFrame, log: GyroLog, exposure: Exposure, options: Options) -> Capture:

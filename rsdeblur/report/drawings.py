@@ -248,16 +248,14 @@ def bank_data(bank: PsfBank) -> dict[str, Any]:
 
 
 def _uri(image: Image.Image, *, kind: str = "jpeg", **options: Any) -> str:
+    """Encode a picture as a data URI."""
     buffer = BytesIO()
     image.save(buffer, kind, quality=92, **options)
     return f"data:image/{kind};base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
 def timeline_svg(times: Sequence[float | None], triage: Triage) -> bytes:
-    """Return an SVG file of the blur of exposures over time, in s, coloured by decision, with both thresholds.
-
-    Exposures whose time is None are not drawn; an unknown blur is drawn at the lower end of the axis.
-    """
+    """Return an SVG file of the blur of exposures over time, in s, None if unknown, coloured by decision."""
     left, top, right, bottom = 56, 34, 944, 316  # of the plot in a drawing of 960 x 360 px
     lengths = np.nan_to_num(triage.lengths, nan=LEAST).clip(LEAST)
     most = 10.0 ** np.ceil(np.log10(max([1.0, 2 * triage.keep, *lengths])))

@@ -56,10 +56,6 @@ class Clip:
         Unit of the timestamps, s.
     codec, pixels : str
         FFmpeg's names of the codec and of the pixel format.
-    rate : Fraction
-        Mean number of frames per second.
-    aspect : Fraction, or None
-        Width of a pixel divided by its height, as players show it; None if the video does not say.
     transfer : int
         FFmpeg's number of the transfer characteristic.
     matrix : tuple of 9 int, or None
@@ -74,8 +70,6 @@ class Clip:
     time_base: Fraction
     codec: str
     pixels: str
-    rate: Fraction
-    aspect: Fraction | None
     transfer: int
     matrix: tuple[int, ...] | None
 
@@ -136,9 +130,7 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
                 raise FileFormatError(f"{path}: the frames have no timestamps; convert it to MP4 or Matroska first")
             shown.add(packet.pts)
             end = max(end, packet.pts + max(packet.duration or 0, 1))
-        if not shown:
-            raise FileFormatError(f"{path}: the video has no frames")
-        if first is None:
+        if first is None or not shown:
             raise FileFormatError(f"{path}: no frame of the video can be decoded")
         # PyAV 18 iterates over data, 19 over types.
         data = {each.type.name: each for each in (first.side_data[n] for n in range(len(first.side_data)))}
@@ -153,8 +145,6 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
             time_base=stream.time_base,
             codec=stream.codec_context.name,
             pixels=first.format.name,
-            rate=stream.average_rate or Fraction(30),
-            aspect=stream.sample_aspect_ratio or None,
             transfer=int(stream.codec_context.color_trc),
             matrix=struct.unpack("9i", bytes(data["DISPLAYMATRIX"])) if "DISPLAYMATRIX" in data else None,
         )

@@ -208,15 +208,14 @@ def _add_streams(
     os.environ.setdefault("SVT_LOG", "1")
     container.metadata.update(source.metadata)
     old = source.streams.video[0]
-    stream = container.add_stream(
-        encoding.codec, rate=clip.rate, options={"crf": str(encoding.crf)} | OPTIONS.get(encoding.codec, {})
-    )
+    rate, options = old.average_rate or 30, {"crf": str(encoding.crf)} | OPTIONS.get(encoding.codec, {})
+    stream = container.add_stream(encoding.codec, rate=rate, options=options)
     stream.width, stream.height, stream.pix_fmt = clip.width, clip.height, encoding.pixels
     stream.metadata.update({key: value for key, value in old.metadata.items() if key != "encoder"})
     context, tags = stream.codec_context, old.codec_context
     context.time_base = stream.time_base = clip.time_base
-    if clip.aspect is not None:
-        context.sample_aspect_ratio = clip.aspect
+    if old.sample_aspect_ratio:
+        context.sample_aspect_ratio = old.sample_aspect_ratio
     context.max_b_frames = 0
     context.thread_count = threads
     context.color_range = tags.color_range

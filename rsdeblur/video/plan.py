@@ -28,6 +28,7 @@ from rsdeblur.video import QUALITY
 from rsdeblur.video.clip import Clip, av, frames, values_of
 
 ColorTrc = av.video.reformatter.ColorTrc
+Recorded = tuple[GyroLog, Camera, Sequence[Exposure]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,13 +159,13 @@ def plan_clip(
     # Highlights that are separated in some frames only would flicker, and so would rows in some and tiles in others.
     options = replace(options, transfer=transfer, saturation="ignore", mode=options.mode_in_effect)
     report_progress = progress or (lambda stage, fraction: None)
-    recording, refinement = (log, camera, exposures), None
-    lengths, reasons = _measure(clip, *recording, options, report_progress)
+    refinement = None
+    lengths, reasons = _measure((log, camera, exposures), options, report_progress)
     if options.refine:
-        refinement = _refinement(clip, *recording, lengths, options, report_progress)
+        refinement = _refinement(clip, (log, camera, exposures), lengths, options, report_progress)
         log, camera, options = refinement.log, refinement.camera, replace(options, refine=False)
         if refinement.accepted:
-            lengths, reasons = _measure(clip, log, camera, exposures, options, report_progress)
+            lengths, reasons = _measure((log, camera, exposures), options, report_progress)
     shares = np.nan_to_num(np.clip(lengths / above - 1.0, 0.0, 1.0)) if above else 1.0 * np.isfinite(lengths)
     (treated,) = np.nonzero(shares)
     if not len(treated):
@@ -209,13 +210,7 @@ def _spread(numbers: NDArray[np.intp], count: int) -> list[int]:
 
 
 def _refinement(
-    clip: Clip,
-    log: GyroLog,
-    camera: Camera,
-    exposures: Sequence[Exposure],
-    lengths: FloatArray,
-    options: Options,
-    report_progress: Progress,
+    clip: Clip, recorded: Recorded, lengths: FloatArray, options: Options, report_progress: Progress
 ) -> Refinement:
     """Return the correction of the recording by frames of the more blurred half, or by both of two."""
     covered = np.flatnonzero(np.isfinite(lengths))
@@ -223,6 +218,7 @@ def _refinement(
         raise InputError(f"{clip.path}: refine=True needs two blurred frames that the log covers, got {len(covered)}")
     least = min(np.median(lengths[covered]), np.sort(lengths[covered])[-2])
     chosen = _spread(covered[lengths[covered] >= least], REFINED_FRAMES)
+    log, camera, exposures = recorded
     pictures, times = (_values(clip, i) for i in chosen), [exposures[i] for i in chosen]
     return refined_together(pictures, log, camera, times, options, report_progress)
 
@@ -247,16 +243,10 @@ def _clip_transfer(clip: Clip) -> Transfer:
     return "linear" if clip.transfer == ColorTrc.LINEAR else "srgb"
 
 
-def _measure(
-    clip: Clip,
-    log: GyroLog,
-    camera: Camera,
-    exposures: Sequence[Exposure],
-    options: Options,
-    report_progress: Progress,
-) -> tuple[FloatArray, list[str | None]]:
+def _measure(recorded: Recorded, options: Options, report_progress: Progress) -> tuple[FloatArray, list[str | None]]:
     """Return the longest path in each frame, px, or NaN, and else the reason why it cannot be deblurred."""
-    frame, lengths, reasons = ReadoutFrame(camera), np.full(len(clip), np.nan), list[str | None]()
+    log, camera, exposures = recorded
+    frame, lengths, reasons = ReadoutFrame(camera), np.full(len(exposures), np.nan), list[str | None]()
     first_error: CoverageError | InputError | None = None
     for i, exposure in enumerate(exposures):
         report_progress("measure all frames", (i + 1) / len(exposures))

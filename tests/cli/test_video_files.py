@@ -173,7 +173,8 @@ def test_pixels_that_are_not_square_stay_so(
     write(path, sample_aspect_ratio=Fraction(4, 3))
     result = run("video", path, *recording, "--codec", codec, "-o", out)
     assert result.exit_code == 0
-    is_kept = open_clip(out).aspect == open_clip(path).aspect == Fraction(4, 3)
+    with av.open(str(out)) as written:
+        is_kept = written.streams.video[0].sample_aspect_ratio == Fraction(4, 3)
     # VP9 has it in its container, which PyAV does not write.
     assert is_kept == (codec != "libvpx-vp9")
 
