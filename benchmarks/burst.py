@@ -17,6 +17,7 @@ import argparse
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,6 @@ from rsdeblur import Camera, Exposure, GyroLog, Translation, deblur, deblur_burs
 from rsdeblur.choices import Auto, Mode, Prior
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.motion.paths import burst_captures, places
-from rsdeblur.simulation import Layer
 
 # (Kodak picture, start in the log in s)
 MOMENTS = [
@@ -163,11 +163,9 @@ def simulated(index: int, pair: bool = False) -> Burst:
     return filmed(sharp(name), exposures)
 
 
-def filmed(scene: Image, exposures: Sequence[Exposure], **options: Any) -> Burst:
+def filmed(scene: Image, exposures: Sequence[Exposure]) -> Burst:
     """Simulate the frames of a scene, and their truths."""
-    blurred, truths = (
-        tuple(simulate_clip(scene, data.shake(), CAMERA, exposures, samples=n, **options)) for n in (WARPS, 1)
-    )
+    blurred, truths = (tuple(simulate_clip(scene, data.shake(), CAMERA, exposures, samples=n)) for n in (WARPS, 1))
     return Burst(tuple(exposures), blurred, truths)
 
 
@@ -177,19 +175,30 @@ def layered(index: int, kind: str) -> Burst:
     exposures, scene = simulated(index).exposures[:4], sharp(MOMENTS[index][0])
     height, width, _ = scene.shape
     down, across = np.mgrid[:height, :width]
-    disc = (np.hypot(down - height / 2, across - 0.55 * width) < RADIUS).astype(np.float32)
-    other = np.roll(scene, (-60, -70), axis=(0, 1))
+    disc = (np.hypot(down - height / 2, across - 0.55 * width) < RADIUS).astype(np.float32)[..., None]
+    thing = np.concatenate([np.roll(scene, (-60, -70), axis=(0, 1)) * disc, disc], axis=-1)
     opens, closes = exposures[0].start, exposures[-1].start + exposures[-1].duration + READOUT
-    if kind == MOVING:
-        velocity = TRAVEL[0] / (closes - opens), TRAVEL[1] / (closes - opens)
-        return filmed(scene, exposures, layers=[Layer(other, disc, velocity)])
-    way = SLIDE / CAMERA.focal_length[0]
+    # A thing at rest before a camera that moves the other way is a thing that moves.
+    way = (-TRAVEL[0], -TRAVEL[1], 0.0) if kind == MOVING else (SLIDE, 0.0, 0.0)
     # A little longer than the burst, which both ends must cover.
-    spare = 0.2 * way
-    times = [opens - 0.2 * (closes - opens), closes + 0.2 * (closes - opens)]
-    places = np.array([[-spare, 0.0, 0.0], [way + spare, 0.0, 0.0]])
-    moving = Translation(np.array(times), places, depth=1.0, epoch_ns=exposures[0].epoch_ns)
-    return filmed(scene, exposures, layers=[Layer(other, disc, depth=1 / 3)], translation=moving)
+    spare, places = 0.2 * (closes - opens), np.outer([-0.2, 1.2], way) / CAMERA.focal_length[0]
+    moving = Translation(np.array([opens - spare, closes + spare]), places, depth=1.0, epoch_ns=exposures[0].epoch_ns)
+    motions = (None, moving) if kind == MOVING else (moving, replace(moving, depth=1 / 3))
+
+    def seen(moments: Sequence[Exposure]) -> Iterator[Image]:
+        """Yield what the middles of exposures show."""
+        clips = [
+            simulate_clip(picture, data.shake(), CAMERA, moments, samples=1, translation=motion)
+            for picture, motion in zip((scene, thing), motions, strict=True)
+        ]
+        for far, near in zip(*clips, strict=True):
+            yield near[..., :-1] + (1 - near[..., -1:]) * far
+
+    # At each moment, the thing hides what is behind it; the mean of products is not the product of means.
+    lengths = [(each, each.duration / WARPS) for each in exposures]
+    frames = seen([Exposure(e.start + k * length, length, e.epoch_ns) for e, length in lengths for k in range(WARPS)])
+    blurred = tuple(np.mean(list(islice(frames, WARPS)), axis=0) for _ in exposures)
+    return Burst(tuple(exposures), blurred, tuple(seen(exposures)))
 
 
 @cache

@@ -382,7 +382,6 @@ CALLS: dict[str, Door] = {
     "DerivativePrior: kind": lambda x: deconv.DerivativePrior(x, 0.1),
     "PlugAndPlayPrior: denoise": lambda x: deconv.PlugAndPlayPrior(x, 0.1),
     "Tuning.of: light": lambda x: rs.tuning.Tuning.of(x, BANK),
-    "Layer: opacity": lambda x: rs.simulation.Layer(PLAIN, x),
     "refine: image": lambda x: rs.refine(x, LOG, CAMERA, EXPOSURE),
     **options(rs.refine, (PLAIN, LOG, CAMERA, EXPOSURE), "translation uncertainty transfer known_axes progress"),
     "refine of several: exposure": lambda x: rs.refine([PLAIN] * 2, LOG, CAMERA, [x] * 2),

@@ -7,7 +7,6 @@ even the integration of the rates, so that an error in one is visible against th
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -118,62 +117,13 @@ def simulate(
         )
     if validate.is_auto(samples):
         # Steps of half a pixel alias at 2 cycles/px, four times the highest frequency of a picture.
-        count = max(16, int(np.ceil(2 * stage.background.path.longest(*stage.windows[0]))))
+        count = max(16, int(np.ceil(2 * stage.plane.path.longest(*stage.windows[0]))))
     else:
         count = validate.count("samples", samples, maximum=MOST_WARPS)
     blurred, rolling = stage.recorded(0, count), stage.light(0, 1)
-    left, top = stage.background.corner
+    left, top = stage.plane.corner
     rectified = np.ascontiguousarray(stage.scene[top : top + camera.height, left : left + camera.width])
     return Simulation(*(from_linear(picture, stage.transfer) for picture in (blurred, rectified, rolling)))
-
-
-@one_line()
-@dataclass(frozen=True, slots=True, eq=False)
-class Layer:
-    """A flat thing before the scene of a simulated clip, which moves or is nearer.
-
-    Parameters
-    ----------
-    picture : array_like, shape (h, w) or (h, w, C)
-        The thing where it is at the reference time, as large as the scene and with values like it.
-    opacity : array_like, shape (h, w)
-        From 0, where only the scene shows, to 1.
-    velocity : (float, float), default (0, 0)
-        (x, y) in px of the scene per second.
-    depth : float, optional
-        Distance in m, in the sense of :attr:`rsdeblur.Translation.depth`; without it, the thing is as far as the scene.
-
-    Raises
-    ------
-    InputError
-        If a value is out of its range, or the shapes differ.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import rsdeblur
-    >>> disc = np.hypot(*np.mgrid[-32:32, -40:40]) < 9
-    >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(64, 48, 80.0, readout_time=0.03)
-    >>> thing = rsdeblur.simulation.Layer(np.full((64, 80), 0.9), disc, velocity=(30.0, 0.0))
-    >>> exposures = [rsdeblur.Exposure(0.2, 1 / 60), rsdeblur.Exposure(0.3, 1 / 60)]
-    >>> one, other = rsdeblur.simulate_clip(np.full((64, 80), 0.1), log, camera, exposures, layers=[thing])
-    """
-
-    picture: ArrayLike
-    opacity: ArrayLike
-    velocity: tuple[float, float] = (0.0, 0.0)
-    depth: float | None = None
-
-    def __post_init__(self) -> None:
-        mask = validate.array("opacity", self.opacity)
-        opacity = validate.real_array("opacity", mask.astype(float) if mask.dtype == np.bool_ else mask, (None, None))
-        if not (opacity.min(initial=1.0) >= 0 and opacity.max(initial=0.0) <= 1):
-            raise InputError("opacity must lie from 0 to 1")
-        velocity = validate.real_array("velocity", self.velocity, (2,))
-        if self.depth is not None:
-            object.__setattr__(self, "depth", validate.finite("depth", self.depth, above=0.0))
-        object.__setattr__(self, "opacity", opacity)
-        object.__setattr__(self, "velocity", (float(velocity[0]), float(velocity[1])))
 
 
 def simulate_clip(
@@ -186,7 +136,6 @@ def simulate_clip(
     seed: int = 0,
     samples: int = 8,
     translation: Translation | None = None,
-    layers: Sequence[Layer] = (),
     transfer: Transfer | Auto = "auto",
 ) -> Iterator[NDArray[np.float32]]:
     """Return the frames of a clip of a sharp picture, which are simulated one by one.
@@ -208,8 +157,6 @@ def simulate_clip(
         Number of warps per row, at least 1.
     translation : Translation, optional
         Positions of the camera, as for :func:`simulate`.
-    layers : sequence of Layer
-        Things before the scene, the farthest first; they move, or are nearer than the scene (parallax).
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`.
 
@@ -221,8 +168,7 @@ def simulate_clip(
     Raises
     ------
     InputError
-        If an argument is out of its range, there is no exposure, or a layer has another shape than the scene, or a
-        depth where no translation is given.
+        If an argument is out of its range, or there is no exposure.
     CoverageError, ClockError, GapError
         If the log or the translation does not describe the clip.
 
@@ -235,18 +181,16 @@ def simulate_clip(
     >>> sum(1 for frame in rsdeblur.simulate_clip(np.full((64, 80), 0.5), log, camera, exposures))
     3
     """
-    exposures, layers = exposure_list(exposures), list(validate.items("layers", layers))
-    for n, layer in enumerate(layers):
-        validate.instance(f"layers[{n}]", layer, Layer)
+    exposures = exposure_list(exposures)
     if not exposures:
         raise InputError("a simulated clip needs at least one exposure")
-    stage = _Stage(sharp, log, camera, exposures, translation, transfer, noise, seed, layers)
+    stage = _Stage(sharp, log, camera, exposures, translation, transfer, noise, seed)
     samples = validate.count("samples", samples, maximum=MOST_WARPS // camera.height)
     return (from_linear(stage.recorded(n, samples), stage.transfer) for n in range(len(exposures)))
 
 
 class _Stage:
-    """A scene, things before it, and the camera that records them in several exposures."""
+    """A scene, and the camera that records it in several exposures."""
 
     def __init__(
         self,
@@ -258,27 +202,20 @@ class _Stage:
         transfer: Transfer | Auto,
         noise: float,
         seed: int,
-        layers: Sequence[Layer] = (),
     ) -> None:
         for exposure in exposures:
             check_recording(log, camera, exposure, translation)
         self.scene, self.transfer = _linear_scene(sharp, transfer)
         self._noise = validate.finite("noise", noise, minimum=0.0, maximum=validate.MOST_LIGHT)
         self._random = np.random.default_rng(validate.count("seed", seed, minimum=0))
-        lights = [_premultiplied(layer, self.scene, self.transfer, translation) for layer in layers]
         self._frame = ReadoutFrame(camera)
         rows, epoch = np.arange(self._frame.camera.height), exposures[0].epoch_ns
         moved = [Exposure(e.start + 1e-9 * (e.epoch_ns - epoch), e.duration, epoch) for e in exposures]
         self.windows = [exposure.window(rows, self._frame.camera) for exposure in moved]
         span = float(np.min(self.windows)), float(np.max(self.windows))
         self._reference = 0.5 * sum(span)
-        track = self._frame.translation(translation)
-
-        self.background = Plane(self.scene, CameraPath(log, self._frame, span, epoch, track), (0.0, 0.0))
-        self._things = []
-        for light, each in zip(lights, layers, strict=True):
-            places = replace(track, depth=each.depth) if track and each.depth else track
-            self._things.append(Plane(light, CameraPath(log, self._frame, span, epoch, places), each.velocity))
+        path = CameraPath(log, self._frame, span, epoch, self._frame.translation(translation))
+        self.plane = Plane(self.scene, path)
 
     def recorded(self, n: int, samples: int) -> NDArray[np.float32]:
         """Return the light of an exposure with noise."""
@@ -293,23 +230,8 @@ class _Stage:
         # The middles of equal parts of the exposure.
         times = opens[:, None] + (closes - opens)[:, None] * (np.arange(samples) + 0.5) / samples
         stored = self._frame.stored
-        light = np.ascontiguousarray(self._frame.back(self._seen(times)))
+        light = np.ascontiguousarray(self._frame.back(self.plane.seen(times, self._reference)))
         return light.reshape(stored.height, stored.width, *self.scene.shape[2:])
-
-    def _seen(self, times: FloatArray) -> NDArray[np.float32]:
-        """Return the mean light of each row at its `times` (H, T), shape (H, W, C)."""
-        if not self._things:
-            return self.background.seen(times, self._reference)
-        # At each moment, things hide what is behind them; the mean of products is not the product of means.
-        moments = []
-        for at in np.split(times, times.shape[1], axis=1):
-            light = self.background.seen(at, self._reference)
-            for thing in self._things:
-                own = thing.seen(at, self._reference)
-                light = own[..., :-1] + (1 - own[..., -1:]) * light
-            moments.append(light)
-        values: NDArray[np.float32] = np.mean(moments, axis=0, dtype=np.float32)
-        return values
 
 
 def _linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[np.float32], Transfer]:
@@ -388,12 +310,9 @@ class CameraPath:
 
 
 class Plane:
-    """Light of a plane that a camera sees, shape (h, w) or (h, w, C) as stored, with a velocity (x, y) in px/s.
+    """Light of a plane that a camera sees, shape (h, w) or (h, w, C) as stored; centred at the reference time."""
 
-    The camera's picture is centred in it at the reference time.
-    """
-
-    def __init__(self, light: NDArray[np.float32], path: CameraPath, velocity: tuple[float, float]) -> None:
+    def __init__(self, light: NDArray[np.float32], path: CameraPath) -> None:
         frame, stored, (height, width) = path.frame, path.frame.stored, light.shape[:2]
         #: Column and row of the picture's corner in `light`.
         self.corner = (width - stored.width) // 2, (height - stored.height) // 2
@@ -404,43 +323,26 @@ class Plane:
             [ndimage.spline_filter(part, 3, output=np.float32, mode="mirror") for part in np.moveaxis(planes, -1, 0)],
             axis=-1,
         )
-        self.path, (x, y) = path, velocity
-        self._velocity = np.array((-y, x) if frame.quarter else (x, y))
+        self.path = path
 
     def seen(self, times: FloatArray, reference: float) -> NDArray[np.float32]:
         """Return the mean of what the camera sees at `times` (H, T) of each row, upright, shape (H, W, C)."""
         camera, (left, top) = self.path.camera, self._corner
-        # A thing that has moved by v t is seen where the one at rest is v t before.
-        shift = np.broadcast_to(np.eye(3), (*times.shape, 3, 3)).copy()
-        shift[..., :2, 2] = (left, top) - (times - reference)[..., None] * self._velocity
         if camera.distortion_model != "none":
-            return self._through_lens(times, reference, shift[..., :2, 2])
+            return self._through_lens(times, reference)
+        shift = np.array([[1.0, 0.0, left], [0.0, 1.0, top], [0.0, 0.0, 1.0]])
         warps = shift @ camera.matrix @ self.path.turns(times, reference) @ np.linalg.inv(camera.matrix)
         return average_warps(self._coefficients, warps, camera.width)
 
-    def _through_lens(self, times: FloatArray, reference: float, shift: FloatArray) -> NDArray[np.float32]:
+    def _through_lens(self, times: FloatArray, reference: float) -> NDArray[np.float32]:
         """Return the same for a distorting lens, whose warps are not homographies: pixels are traced."""
         camera, coefficients = self.path.camera, self._coefficients
         directions = camera.rays(np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1))
         turns = self.path.turns(times, reference)
         out = np.empty((camera.height, camera.width, coefficients.shape[2]), dtype=np.float32)
         for y in range(camera.height):
-            at = camera.project(np.einsum("tij,xj->txi", turns[y], directions[y])) + shift[y][:, None]
+            at = camera.project(np.einsum("tij,xj->txi", turns[y], directions[y])) + self._corner
             at = np.moveaxis(at[..., ::-1], -1, 0)
             for c, part in enumerate(np.moveaxis(coefficients, -1, 0)):
                 out[y, :, c] = ndimage.map_coordinates(part, at, order=3, mode="mirror", prefilter=False).mean(axis=0)
         return out
-
-
-def _premultiplied(
-    layer: Layer, scene: NDArray[np.float32], transfer: Transfer, translation: Translation | None
-) -> NDArray[np.float32]:
-    """Return the light of a layer times its opacity, and the opacity as the last channel."""
-    light, opacity = _linear_scene(layer.picture, transfer)[0], np.asarray(layer.opacity, dtype=np.float32)
-    if light.shape != scene.shape or opacity.shape != scene.shape[:2]:
-        raise InputError(
-            f"a layer must have the scene's shape {scene.shape}, got {light.shape} and an opacity of {opacity.shape}"
-        )
-    if layer.depth is not None and translation is None:
-        raise InputError("a layer has a depth, which only a translation shows; give one, or leave out the depth")
-    return np.concatenate([np.atleast_3d(light) * opacity[..., None], opacity[..., None]], axis=-1)

@@ -9,7 +9,6 @@ import pytest
 from rsdeblur import Camera, Exposure, GyroLog, PsfBank, Translation, hand_shake, scene, simulate
 from rsdeblur.choices import READOUT_DIRECTIONS
 from rsdeblur.motion import BlurPaths, Capture
-from rsdeblur.simulation import Layer
 from rsdeblur.simulation.simulate import simulate_clip
 
 SIZE, FOCAL = 80, 100.0
@@ -231,38 +230,14 @@ def places(frames):
     return [np.array([np.average(axis, weights=frame) for axis in np.mgrid[:72, :96][::-1]]) for frame in frames]
 
 
-class TestLayer:
-    """Opaque layers replace the scene, transparent ones show it, and their pixels move as they should."""
-
-    def test_even_layers_mix_two_clips(self, wide):
-        log, other = hand_shake(0.7, seed=3), wide[::-1].copy()
-
-        def frame(picture, *opacities):
-            layers = [Layer(other, np.full(wide.shape[:2], opacity)) for opacity in opacities]
-            return next(simulate_clip(picture, log, CAMERA, EXPOSURES[:1], layers=layers, samples=8))
-
-        plain, covered = frame(wide), frame(other)
-        for opacity in (0.0, 0.3, 1.0):
-            np.testing.assert_allclose(frame(wide, opacity), opacity * covered + (1 - opacity) * plain, atol=1e-5)
-
-    @pytest.mark.parametrize("direction", ["top-down", "right-left"])
-    def test_a_thing_moves_by_its_velocity(self, disc, direction):
-        camera = Camera(96, 72, 110.0, readout_direction=direction)
-        layer = Layer(np.ones_like(disc), disc, velocity=(20.0, -30.0))
-        first, last = places(simulate_clip(np.zeros_like(disc), STILL, camera, EXPOSURES, layers=[layer]))
-        np.testing.assert_allclose(last - first, 0.4 * np.array([20.0, -30.0]), atol=0.02)
-
-    @pytest.mark.parametrize("direction", ["top-down", "right-left"])
-    def test_near_things_move_by_more(self, disc, direction):
-        """By f times the camera's way over their distance."""
-        camera = Camera(96, 72, 110.0, readout_direction=direction)
-        for depth, expected in ((None, 2.0), (2.0, 2.0), (0.5, 0.5)):
-            layer = Layer(np.ones_like(disc), disc, depth=depth)
-            first, last = places(
-                simulate_clip(np.zeros_like(disc), STILL, camera, EXPOSURES, translation=SLIDE, layers=[layer])
-            )
-            way = 0.4 / 0.9 * np.array([0.009, -0.018])
-            np.testing.assert_allclose(last - first, -110.0 * way / expected, atol=0.02)
+@pytest.mark.parametrize("direction", ["top-down", "right-left"])
+@pytest.mark.parametrize("depth", [2.0, 0.5])
+def test_near_things_move_by_more(disc, direction, depth):
+    """By f times the camera's way over their distance."""
+    camera = Camera(96, 72, 110.0, readout_direction=direction)
+    first, last = places(simulate_clip(disc, STILL, camera, EXPOSURES, translation=replace(SLIDE, depth=depth)))
+    way = 0.4 / 0.9 * np.array([0.009, -0.018])
+    np.testing.assert_allclose(last - first, -110.0 * way / depth, atol=0.02)
 
 
 @pytest.mark.parametrize("shape", [(64, 64), (67, 150), (140, 80)])
