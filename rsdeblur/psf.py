@@ -101,7 +101,8 @@ class PsfBank:
             Number of threads that share the work; default all processors. Any number gives the same bits.
         """
         validate.instance("paths", paths, BlurPaths)
-        height, width = size_of(paths)
+        # Bilinear weights reach the pixel beyond the last one; kernels are cut off where the Gaussian is.
+        height, width = (2 * (int(np.floor(reach)) + 1) + 1 for reach in paths.extent)
         bands, strips, samples, _ = paths.displacements.shape
         validate.memory(f"{bands} x {strips} PSFs of {width}x{height} px", 4 * bands * strips * height * width, 0)
         flat = np.ascontiguousarray(paths.displacements.reshape(bands * strips, samples, 2))
@@ -382,13 +383,6 @@ def kernel_sheet(bank: PsfBank) -> NDArray[np.float32]:
     shown[:, :, [0, -1]] = shown[..., [0, -1]] = 0.3  # grey frames
     sheet: NDArray[np.float32] = shown.transpose(0, 2, 1, 3).reshape(len(shown) * shown.shape[2], -1)
     return sheet
-
-
-def size_of(paths: BlurPaths) -> tuple[int, int]:
-    """Return the height and width in px of the PSFs of paths."""
-    # Bilinear weights reach the pixel beyond the last one; kernels are cut off where the Gaussian is.
-    height, width = (2 * (int(np.floor(reach)) + 1) + 1 for reach in paths.extent)
-    return height, width
 
 
 def tile_centres(tiles: int, length: int) -> FloatArray:

@@ -34,11 +34,6 @@ class Basis(NamedTuple):
         weight = self.strengths.weight
         return ("nsr", self.strengths.nsr) if weight is None else ("weight", weight)
 
-    def with_strength(self, value: float) -> Basis:
-        """Return the same with another value of that strength."""
-        change: dict[str, Any] = {self.strength[0]: value}
-        return self._replace(strengths=replace(self.strengths, **change))
-
 
 class Crop(NamedTuple):
     """A part of a picture, px."""

@@ -228,7 +228,8 @@ class Desk(AbstractContextManager["Desk"]):
             name, value = basis.strength
             strength = f"{value * 10 ** power_of(form):.3g}"
             words += [f"--{name}", strength]
-            basis = basis.with_strength(float(strength))
+            change: dict[str, Any] = {name: float(strength)}
+            basis = basis._replace(strengths=replace(basis.strengths, **change))
         return words, basis
 
     def _derived(self, words: tuple[str, ...], *_: FileState) -> Basis:

@@ -56,7 +56,10 @@ class Hybrid:
     ) -> None:
         self.height, _, self.channels = shape
         self.bands, self.strips = bands, strips
-        self._block = _rows_per_block(self.channels * strips.length)
+        # A value takes 4 bytes, and so does its share of the spectrum. Together, rows of a block fill 800 kB, within a
+        # second-level cache of 1 to 2 MB. With more than 64, small pictures have too few blocks for many threads.
+        rows = 800_000 // (8 * self.channels * strips.length) // 16 * 16
+        self._block = max(16, min(rows, 64))
         self._periodic = border == "periodic"
         self._strip_fade, self._band_fade = fade(strips.taper), fade(bands.taper)
         self.frequencies = strips.length // 2 + 1
@@ -185,11 +188,3 @@ class _Worker(NamedTuple):
     slabs: LineTransform  # a group of bands of a block of columns
     columns: ComplexArray  # a block of columns, before ...
     blended: ComplexArray  # ... and after
-
-
-def _rows_per_block(values: int) -> int:
-    """Return the rows per block if a row has so many values, of all channels."""
-    # A value takes 4 bytes, and so does its share of the spectrum. Together they fill 800 kB, within a second-level
-    # cache of 1 to 2 MB. With more than 64 rows, small pictures have too few blocks for many threads.
-    rows = 800_000 // (8 * values) // 16 * 16
-    return max(16, min(rows, 64))

@@ -108,16 +108,8 @@ class Capture:
         ----------
         log : GyroLog
             Rates that cover the exposure.
-        camera : Camera
-            Camera with readout along y.
-        exposure : Exposure
-            Time of the exposure.
-        translation : Translation, optional
-            Positions that cover the exposure; without them, the camera only rotates.
-        motion : {"rotation", "small-angle"}
-            Model of the paths, see :class:`Capture`.
-        softness : float, default 0.0
-            Blur of lens, pixels and demosaicing, px, see :class:`Capture`.
+        camera, exposure, translation, motion, softness
+            See :class:`Capture`.
 
         Raises
         ------

@@ -263,11 +263,6 @@ class Options:
         return "half" if halves else "full"
 
     @property
-    def border_in_effect(self) -> Border:
-        """The continuation of the picture beyond its frame that the solver is planned with."""
-        return "blend" if self.border in ("auto", "blend") else "periodic"
-
-    @property
     def boundary_in_effect(self) -> Boundary | None:
         """The border if it is "unknown"; None if the solver continues the picture itself."""
         border = self.border

@@ -61,7 +61,7 @@ class PictureSolver:
         options = self.options
         return {
             "nsr": self.strengths.nsr,
-            "border": options.border_in_effect,
+            "border": "periodic" if options.border == "periodic" else "blend",
             "threads": options.threads,
         }
 

@@ -139,7 +139,9 @@ def render(page: Page) -> str:
         "best": best,
         "isWhole": True,
     }
-    badge = f"{escape(best)}: {_badge(modes[best])} · " if modes[best].get("check") else ""
+    verdict = _verdict(modes[best])
+    badge = f'<span class="verdict {VERDICT_LEVELS.get(verdict, "warning")}">{verdict}</span>'
+    about = f"{escape(best)}: {badge} · " if modes[best].get("check") else ""
     main = Template(part("page.html")).substitute(
         viewer=part("page_viewer.html"),
         scale=f"Pictures are embedded as JPEG at {scale:.0%} of their size; the files of compare have full size.",
@@ -154,7 +156,7 @@ def render(page: Page) -> str:
     return document(
         kind="rsdeblur report",
         title=Path(page.report["photo"]).name,
-        facts=f'{badge}{width} {TIMES} {height} px · <a href="#findings">remarks</a>',
+        facts=f'{about}{width} {TIMES} {height} px · <a href="#findings">remarks</a>',
         main=main,
         script=part("page_viewer.js") + part("page_plots.js"),
     )
@@ -169,11 +171,6 @@ def script_json(payload: Any) -> str:
 def _verdict(facts: Mapping[str, Any]) -> str:
     """Return the verdict on a result: that of the check, or "not checked"."""
     return str((facts.get("check") or {}).get("verdict", "not checked"))
-
-
-def _badge(facts: Mapping[str, Any]) -> str:
-    verdict = _verdict(facts)
-    return f'<span class="verdict {VERDICT_LEVELS.get(verdict, "warning")}">{verdict}</span>'
 
 
 def _figure(label: str, uri: str) -> str:

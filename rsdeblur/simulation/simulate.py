@@ -117,11 +117,11 @@ def simulate(
         )
     if validate.is_auto(samples):
         # Steps of half a pixel alias at 2 cycles/px, four times the highest frequency of a picture.
-        count = max(16, int(np.ceil(2 * stage.plane.path.longest(*stage.windows[0]))))
+        count = max(16, int(np.ceil(2 * stage.path.longest(*stage.windows[0]))))
     else:
         count = validate.count("samples", samples, maximum=MOST_WARPS)
     blurred, rolling = stage.recorded(0, count), stage.light(0, 1)
-    left, top = stage.plane.corner
+    left, top = stage.corner
     rectified = np.ascontiguousarray(stage.scene[top : top + camera.height, left : left + camera.width])
     return Simulation(*(from_linear(picture, stage.transfer) for picture in (blurred, rectified, rolling)))
 
@@ -214,8 +214,16 @@ class _Stage:
         self.windows = [exposure.window(rows, self._frame.camera) for exposure in moved]
         span = float(np.min(self.windows)), float(np.max(self.windows))
         self._reference = 0.5 * sum(span)
-        path = CameraPath(log, self._frame, span, epoch, self._frame.translation(translation))
-        self.plane = Plane(self.scene, path)
+        self.path = CameraPath(log, self._frame, span, epoch, self._frame.translation(translation))
+        stored, (height, width) = self._frame.stored, self.scene.shape[:2]
+        #: Column and row of the picture's corner in the scene as stored, at the reference time.
+        self.corner = left, top = (width - stored.width) // 2, (height - stored.height) // 2
+        self._corner = (height - stored.height - top, left) if self._frame.quarter else self.corner
+        planes = np.atleast_3d(self._frame.image(self.scene)).astype(np.float64)
+        self._coefficients = np.stack(
+            [ndimage.spline_filter(part, 3, output=np.float32, mode="mirror") for part in np.moveaxis(planes, -1, 0)],
+            axis=-1,
+        )
 
     def recorded(self, n: int, samples: int) -> NDArray[np.float32]:
         """Return the light of an exposure with noise."""
@@ -230,8 +238,30 @@ class _Stage:
         # The middles of equal parts of the exposure.
         times = opens[:, None] + (closes - opens)[:, None] * (np.arange(samples) + 0.5) / samples
         stored = self._frame.stored
-        light = np.ascontiguousarray(self._frame.back(self.plane.seen(times, self._reference)))
+        light = np.ascontiguousarray(self._frame.back(self._seen(times)))
         return light.reshape(stored.height, stored.width, *self.scene.shape[2:])
+
+    def _seen(self, times: FloatArray) -> NDArray[np.float32]:
+        """Return the mean of what the camera sees at `times` (H, T) of each row, upright, shape (H, W, C)."""
+        camera, (left, top) = self.path.camera, self._corner
+        if camera.distortion_model != "none":
+            return self._through_lens(times)
+        shift = np.array([[1.0, 0.0, left], [0.0, 1.0, top], [0.0, 0.0, 1.0]])
+        warps = shift @ camera.matrix @ self.path.turns(times, self._reference) @ np.linalg.inv(camera.matrix)
+        return average_warps(self._coefficients, warps, camera.width)
+
+    def _through_lens(self, times: FloatArray) -> NDArray[np.float32]:
+        """Return the same for a distorting lens, whose warps are not homographies: pixels are traced."""
+        camera, coefficients = self.path.camera, self._coefficients
+        directions = camera.rays(np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1))
+        turns = self.path.turns(times, self._reference)
+        out = np.empty((camera.height, camera.width, coefficients.shape[2]), dtype=np.float32)
+        for y in range(camera.height):
+            at = camera.project(np.einsum("tij,xj->txi", turns[y], directions[y])) + self._corner
+            at = np.moveaxis(at[..., ::-1], -1, 0)
+            for c, part in enumerate(np.moveaxis(coefficients, -1, 0)):
+                out[y, :, c] = ndimage.map_coordinates(part, at, order=3, mode="mirror", prefilter=False).mean(axis=0)
+        return out
 
 
 def _linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[np.float32], Transfer]:
@@ -307,42 +337,3 @@ class CameraPath:
         meeting[..., 2] += s
         values: FloatArray = meeting @ turns
         return values
-
-
-class Plane:
-    """Light of a plane that a camera sees, shape (h, w) or (h, w, C) as stored; centred at the reference time."""
-
-    def __init__(self, light: NDArray[np.float32], path: CameraPath) -> None:
-        frame, stored, (height, width) = path.frame, path.frame.stored, light.shape[:2]
-        #: Column and row of the picture's corner in `light`.
-        self.corner = (width - stored.width) // 2, (height - stored.height) // 2
-        left, top = self.corner
-        self._corner = (height - stored.height - top, left) if frame.quarter else self.corner
-        planes = np.atleast_3d(frame.image(light)).astype(np.float64)
-        self._coefficients = np.stack(
-            [ndimage.spline_filter(part, 3, output=np.float32, mode="mirror") for part in np.moveaxis(planes, -1, 0)],
-            axis=-1,
-        )
-        self.path = path
-
-    def seen(self, times: FloatArray, reference: float) -> NDArray[np.float32]:
-        """Return the mean of what the camera sees at `times` (H, T) of each row, upright, shape (H, W, C)."""
-        camera, (left, top) = self.path.camera, self._corner
-        if camera.distortion_model != "none":
-            return self._through_lens(times, reference)
-        shift = np.array([[1.0, 0.0, left], [0.0, 1.0, top], [0.0, 0.0, 1.0]])
-        warps = shift @ camera.matrix @ self.path.turns(times, reference) @ np.linalg.inv(camera.matrix)
-        return average_warps(self._coefficients, warps, camera.width)
-
-    def _through_lens(self, times: FloatArray, reference: float) -> NDArray[np.float32]:
-        """Return the same for a distorting lens, whose warps are not homographies: pixels are traced."""
-        camera, coefficients = self.path.camera, self._coefficients
-        directions = camera.rays(np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1))
-        turns = self.path.turns(times, reference)
-        out = np.empty((camera.height, camera.width, coefficients.shape[2]), dtype=np.float32)
-        for y in range(camera.height):
-            at = camera.project(np.einsum("tij,xj->txi", turns[y], directions[y])) + self._corner
-            at = np.moveaxis(at[..., ::-1], -1, 0)
-            for c, part in enumerate(np.moveaxis(coefficients, -1, 0)):
-                out[y, :, c] = ndimage.map_coordinates(part, at, order=3, mode="mirror", prefilter=False).mean(axis=0)
-        return out
