@@ -93,7 +93,13 @@ def read_camera(
 
 
 def open_camera(path: str | os.PathLike[str], format: str | None = None, **request: Any) -> CameraFile:
-    """Read a camera, as :func:`read_camera` does, and return assumptions and other content of its file."""
+    """Read a camera, as :func:`read_camera` does, and return assumptions and other content of its file.
+
+    Parameters
+    ----------
+    path, format, **request
+        See :func:`read_camera`.
+    """
     wanted = Request(**request)
     source = Source(path, WHAT)
     file = choose(FORMATS, source, format).read(source, wanted)

@@ -106,7 +106,13 @@ def open_gyro(
     rate: float | None = None,
     columns: str | None = None,
 ) -> GyroFile:
-    """Read a gyro log, as :func:`read_gyro` does, with the other content of its file."""
+    """Read a gyro log, as :func:`read_gyro` does, with the other content of its file.
+
+    Parameters
+    ----------
+    path, format, unit, orientation, rate, columns
+        See :func:`read_gyro`.
+    """
     turn = None if orientation is None else orientation_matrix(validate.instance("orientation", orientation, str))
     chosen, source, pauses = _choose(path, GYRO, format, columns)
     samples = chosen.read(source, GYRO)

@@ -286,14 +286,11 @@ def measure_floors(light: FloatImage, bank: PsfBank) -> Floors | None:
     )
     power = periodograms(np.moveaxis(tiles, -1, 1)).mean(axis=1)
     variances, squared = _fit_floors(tiles, power, bank.kernels[rows, cols])
-    return Floors(tuple((float(peak) * np.sqrt(variances)).tolist()), squared, _processed(power, variances))
-
-
-def _processed(power: NDArray[np.float32], variances: FloatArray) -> float:
-    """Return how clearly noise has the colour that denoising leaves, by quiet tiles and by the fit, from 0 to 1."""
+    # How clearly noise has the colour that denoising leaves, by quiet tiles and by the fit.
     ratios = np.sqrt(noise_between(power, *COARSE) / noise_between(power, *NOISE_RING))
     ratio = min(np.quantile(ratios, QUIET), np.sqrt(variances[-2] / variances[-1]))
-    return float(np.interp(ratio, PROCESSED, (0.0, 1.0)))
+    processed = float(np.interp(ratio, PROCESSED, (0.0, 1.0)))
+    return Floors(tuple((float(peak) * np.sqrt(variances)).tolist()), squared, processed)
 
 
 def _noisy(tiles: NDArray[np.float32], least: np.float32) -> NDArray[np.bool_]:

@@ -210,7 +210,10 @@ class Tuning:
         share = bank.size[1] / light.shape[1]
         if continued:
             share = max(share, bank.size[0] / light.shape[0])
-        radius = _radius(bank)
+        down, across = (np.square(np.arange(n) - n // 2) for n in bank.size)
+        # Own kernels with negative values may have a negative second moment.
+        moment = (bank.kernels * (down[:, None] + across)).sum(axis=(2, 3)).mean()
+        radius = float(np.sqrt(max(moment, 0.0)))
         most = max(MOST_PATH_ERROR_SHARE * radius, min(PATH_ERROR, MOST_OF_SPREAD * _spread(bank)))
         # Own kernels count as exact.
         factor = ABSORBED_BY_EXACT**2
@@ -320,10 +323,3 @@ def _spread(bank: PsfBank) -> float:
         return np.inf
     about = bank.displacements - bank.displacements.mean(axis=2, keepdims=True)
     return float(np.sqrt(np.square(about).sum(axis=-1).mean()))
-
-
-def _radius(bank: PsfBank) -> float:
-    down, across = (np.arange(n) - n // 2 for n in bank.size)
-    squared = np.square(down)[:, None] + np.square(across)
-    # Own kernels with negative values may have a negative second moment.
-    return float(np.sqrt(max((bank.kernels * squared).sum(axis=(2, 3)).mean(), 0.0)))
