@@ -1,4 +1,4 @@
-"""A camera app's photo and a log, nothing typed: ``python -m benchmarks.stock [--count N] [--markdown FILE]``.
+"""A camera app's photo and a log, nothing typed: ``python -m benchmarks.stock [--count N] [--wrong S] [--markdown F]``.
 
 Each case is a photograph, shaken as a real phone was at one moment of its log and processed as by a phone. EXIF has the
 exposure time, the focal length, 1 % off, and a time that is up to 0.6 s late; the readout time and the moment are
@@ -37,8 +37,8 @@ from rsdeblur.motion.camera_values import focal35_px
 # Focal length in EXIF, mm; border of the photograph that the photo does not show, and its longest side, px.
 FOCAL35, MARGIN, SIDE = 26, 48, 1152
 EPOCH_NS = 1_780_000_000_000_000_000
-# How much later than the wrong log's the motion is, s; before the moment in its second half.
-WRONG, MIDDLE = 14.0, 30.0
+# Moment of the log, s, from which on the wrong log has an earlier motion, and before that a later one.
+MIDDLE = 30.0
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ CASES = [
 ]
 
 
-def write_case(case: Stock, number: int, folder: Path) -> tuple[NDArray[np.float32], Exposure]:
-    """Write photo, logs and camera file; return the truth, encoded, and the exposure."""
+def write_case(case: Stock, number: int, folder: Path, wrong: float) -> tuple[NDArray[np.float32], Exposure]:
+    """Write photo, logs, the wrong one with the motion of `wrong` s later, and camera; return truth and exposure."""
     scene = photograph(case.picture)
     width, height = ((side - 2 * MARGIN) // 4 * 4 for side in scene.shape[1::-1])
     shake = data.shake()
@@ -80,7 +80,7 @@ def write_case(case: Stock, number: int, folder: Path) -> tuple[NDArray[np.float
     photo = processed(taken.blurred, np.random.default_rng(number), noise=NOISES[number % len(NOISES)])
     Image.fromarray(photo).save(folder / "IMG_1.jpg", quality=95, exif=exif(case, exposure))
     camera.save(folder / "camera.toml")
-    for name, later in (("Gyroscope.csv", 0.0), ("wrong.csv", WRONG if case.start < MIDDLE else -WRONG)):
+    for name, later in (("Gyroscope.csv", 0.0), ("wrong.csv", wrong if case.start < MIDDLE else -wrong)):
         samples = zip((log.t - later).tolist(), log.omega.tolist(), strict=True)
         rows = [f"{EPOCH_NS + round(1e9 * s)},{s:.9f},{z:.9f},{y:.9f},{x:.9f}\n" for s, (x, y, z) in samples]
         (folder / name).write_text("".join(["time,seconds_elapsed,z,y,x\n", *rows]))
@@ -127,11 +127,11 @@ def shown(path: Path) -> NDArray[np.float32]:
     return np.asarray(Image.open(path), np.float32) / np.float32(255)
 
 
-def row(case: Stock, number: int) -> list[str]:
+def row(case: Stock, number: int, wrong: float) -> list[str]:
     """Return the row of the table of one case."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        truth, exposure = write_case(case, number, folder)
+        truth, exposure = write_case(case, number, folder, wrong)
         known = ["--camera", str(folder / "camera.toml"), "--start-ns", str(exposure.epoch_ns)]
         return [
             data.named(case.picture),
@@ -147,10 +147,11 @@ def main() -> None:
     """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, help="only the first cases")
+    parser.add_argument("--wrong", type=float, default=14.0, help="how much later the wrong log's motion is, s (14)")
     parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
     options = parser.parse_args()
     cases = list(enumerate(CASES[: options.count]))
-    rows = [row(case, number) for number, case in track(cases, "deblurring")]
+    rows = [row(case, number, options.wrong) for number, case in track(cases, "deblurring")]
     columns = ("photograph", "readout, ms", "photo", "true camera and moment", "nothing typed", "wrong log")
     report(noted(markdown(columns, rows)), options.markdown)
 

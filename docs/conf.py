@@ -42,7 +42,7 @@ numpydoc_validation_exclude = {
     r"\.((Quadratic|Gradient|Prior)Solver|LatentPrior)$",  # protocols: their constructor is not theirs
     r"\.Options$",  # its fields are the keywords of deblur, which describes them
     r"\.Plan$",  # has a private field
-    r"(?<!LatentPrior)(?<!QuadraticSolver)\.(restore|with_peak_of|solve|combine)$",  # deconv describes them
+    r"(?<!LatentPrior)(?<!QuadraticSolver)\.(restore|with_peak_of|solve|observe|combine)$",  # deconv describes them
 }
 
 # Examples of docs/gallery, run when the site is built; every picture comes from simulated captures.

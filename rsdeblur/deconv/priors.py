@@ -294,7 +294,7 @@ class DerivativePrior:
             shrink(guess, vanishing)
             out = None if guess is latent else guess
             before, latent = latent, solver.solve(weight * penalty, pull, kind.coupling, out=out)
-            change, guess = _extrapolate(before, latent, np.float32(ahead), threads), before
+            change, guess = extrapolate(before, latent, np.float32(ahead), threads), before
             yield latent, change
 
 
@@ -317,7 +317,7 @@ def brightness(image: FloatImage) -> float:
     return value
 
 
-def _extrapolate(before: FloatImage, after: FloatImage, ahead: np.float32, threads: int | None) -> float:
+def extrapolate(before: FloatImage, after: FloatImage, ahead: np.float32, threads: int | None) -> float:
     """Replace `before` by `after + ahead (after - before)`; threads share blocks of rows.
 
     Return the norm of the change as a share of that of `after`.

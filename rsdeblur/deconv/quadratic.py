@@ -110,7 +110,8 @@ class TileNormal(TileFilter, SceneSolver):
 
         return minimise
 
-    def _observe(self, frame: int, picture: FloatImage) -> None:
+    def observe(self, frame: int, picture: FloatImage) -> None:
+        """Take in a frame, see :class:`rsdeblur.deconv.scene.SceneSolver`."""
         self._waiting, self._sums = (frame, picture), self._sums or self._new_sums()
         if frame + 1 < len(self._banks):
             self._add()

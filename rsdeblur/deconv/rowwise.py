@@ -108,7 +108,8 @@ class RowSolver(SceneSolver):
         # Floats of the assembled normal matrix of each strip.
         self._assembled_sizes = [rowwise.assembled_size(s.model, s.table(0, 1), s.rows) for s in self._strips]
 
-    def _observe(self, frame: int, picture: FloatImage) -> None:
+    def observe(self, frame: int, picture: FloatImage) -> None:
+        """Take in a frame, see :class:`rsdeblur.deconv.scene.SceneSolver`."""
         frames, (height, width, channels) = len(self._factors), picture.shape
         if frames == 1:
             self._rows = picture

@@ -76,10 +76,10 @@ class SceneSolver:
                 picture = validate.linear_light(image, self.shape).reshape(*self.shape[:2], -1)
                 if frame == 0 and prior is not None:
                     prior = prior.with_peak_of(picture)
-                self._observe(frame, picture)
+                self.observe(frame, picture)
             return self._restored(prior, progress).reshape(self.shape)
 
-    def _observe(self, frame: int, picture: FloatImage) -> None:
+    def observe(self, frame: int, picture: FloatImage) -> None:
         """Take in a frame (H, W, C), counted from 0."""
         raise NotImplementedError
 

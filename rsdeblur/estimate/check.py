@@ -118,7 +118,7 @@ def assess(
 
 
 def best_alternative(evidence: MotionEvidence, threads: int | None) -> tuple[str, float]:
-    """Return the best alternative to the motion, and the lead over it; see :class:`QualityCheck`."""
+    """Return the best alternative to the motion, and the lead over it, nats per tile; see :class:`QualityCheck`."""
     harmful = {name: lead for name, lead in evidence.leads.items() if not ALTERNATIVES[name].is_harmless}
     compared = harmful if min(harmful.values()) < LEAD.bad else _not_refuted(evidence, threads)
     return min(compared.items(), key=lambda item: item[1])

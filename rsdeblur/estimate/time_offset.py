@@ -54,7 +54,7 @@ MOMENT = "offset", "readout"
 # Longest search, and the largest standard deviation of an answer, s.
 MOST_SEARCH, MOST_DEVIATION = 120.0, 2.5e-3
 # Search, s, from which an answer must lead the alternatives of the check, too: among so many moments there is one whose
-# motion resembles any straight blur. Of 40 wrong logs, five are accepted without it (`python -m benchmarks.stock`).
+# motion resembles any straight blur. With it, none of 40 wrong logs is accepted (`python -m benchmarks.stock`).
 WIDE = 0.5
 # Nats by which an answer must lead any other one.
 LEAST_LEAD = 15.0

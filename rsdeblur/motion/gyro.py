@@ -325,8 +325,7 @@ class AccelerationLog(SensorLog):
     Raises
     ------
     InputError
-        If an array has a wrong shape, a value is not finite, a force is beyond 1e12 m/s^2, the times do not increase,
-        or `epoch_ns` does not fit into 64 bits.
+        As for :class:`GyroLog`, with forces up to 1e12 m/s^2.
 
     Examples
     --------

@@ -11,8 +11,8 @@ from rsdeblur.deconv.priors import (
     PENALTIES,
     TO_GRADIENT,
     TO_PICTURE,
-    _extrapolate,
     brightness,
+    extrapolate,
     shrinkage,
     threshold,
 )
@@ -80,7 +80,7 @@ def test_global_is_the_equation(blurred: np.ndarray, beta: float, coupling: tupl
     target = np.random.default_rng(4).normal(0, 0.1, (2, H, W, 3))
     grad_adjoint = grad_adjoint_of(*target)
     own = solver()
-    own._observe(0, blurred)
+    own.observe(0, blurred)
     y, x = np.fft.fftfreq(H)[:, None, None], np.fft.fftfreq(W)[:, None]
     picture, slope, _ = coupling
     differences = picture + slope * (4 * np.sin(np.pi * y) ** 2 + 4 * np.sin(np.pi * x) ** 2)
@@ -111,7 +111,7 @@ def test_the_splitting_descends(blurred: np.ndarray, kind: str, exponent: float)
     prior, weight = DerivativePrior(kind, 0.002, exponent), 0.002
     coupling, penalty = KINDS[kind].coupling, gradient_penalty if kind == "tv" else derivatives_penalty
     own = solver(nsr=0.0)
-    own._observe(0, blurred)
+    own.observe(0, blurred)
 
     def objective(picture: np.ndarray) -> float:
         return float(((blur(picture) - blurred) ** 2).sum() + weight * penalty(picture, exponent))
@@ -158,7 +158,7 @@ def test_gradients_that_all_vanish_stop_nothing() -> None:
     result = restore(solver(), noise, prior="hyper-laplacian", weight=0.001, progress=fractions.append)
     assert len(fractions) > 2
     first = solver()
-    first._observe(0, noise)
+    first.observe(0, noise)
     # The first solve alone amplifies the noise.
     assert result.std() < first.solve(0.001 * PENALTIES[0]).std() / 2
 
@@ -174,7 +174,7 @@ def test_the_peak_is_that_of_the_picture(blurred: np.ndarray) -> None:
 def test_a_step_ahead_of_a_straight_line_stays_on_it() -> None:
     step = np.arange(3 * W * H, dtype=np.float32).reshape(H, W, 3) / (W * H)
     first, second = np.ones_like(step), 1 + step
-    change = _extrapolate(first, second, np.float32(0.5), threads=2)
+    change = extrapolate(first, second, np.float32(0.5), threads=2)
     # Rounding of float32.
     np.testing.assert_allclose(first, 1 + 1.5 * step, rtol=1e-6)
     assert change == pytest.approx(np.linalg.norm(step) / np.linalg.norm(second), rel=1e-5)

@@ -203,7 +203,7 @@ def test_solves_lead_to_the_minimiser_of_the_recorded_pixels(beta: float) -> Non
     target = np.random.default_rng(3).random((*SHAPE, 2), dtype=np.float32)
     for seed in (1, 2):
         plan = solver()
-        plan._observe(0, guess(seed))
+        plan.observe(0, guess(seed))
         # Each solution starts from the one before.
         for _ in range(80):
             found = plan.solve(beta, target.copy(), TO_PICTURE)
@@ -215,7 +215,7 @@ def test_solves_lead_to_the_minimiser_of_the_recorded_pixels(beta: float) -> Non
 
 def test_what_is_consistent_stays_as_it_is() -> None:
     plan = solver(nsr=0.01)
-    plan._observe(0, np.full((*SHAPE, 2), 0.4, dtype=np.float32))
+    plan.observe(0, np.full((*SHAPE, 2), 0.4, dtype=np.float32))
     np.testing.assert_allclose(plan.solve(0.1, None), 0.4, atol=1e-5)
 
 
