@@ -1,7 +1,5 @@
 """Parts of binary files: tags of EXIF blocks and TIFF files, basE91 (Henke)."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Collection

@@ -4,8 +4,6 @@ A reader of a written file sees the old file or the new one, never a part of eit
 addresses, and only in containers that open no other files.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import secrets

@@ -1,7 +1,5 @@
 """Memory of large arrays: aligned, and used again by processes that do the same work many times."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Representations of one line, for objects whose arrays would fill the screen."""
 
-from __future__ import annotations
-
 import base64
 import html
 import inspect

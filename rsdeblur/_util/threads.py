@@ -1,7 +1,5 @@
 """Threads that share tasks, in forked processes too: a team that a solver keeps, or one for a single call."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections import deque

@@ -1,7 +1,5 @@
 """Checks of arguments: each returns the normalised value or raises `InputError`."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any, TypeVar

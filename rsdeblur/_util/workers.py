@@ -1,7 +1,5 @@
 """Many tasks in worker processes; one that fails, or whose process dies, does not stop the others."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

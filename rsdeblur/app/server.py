@@ -7,8 +7,6 @@ made to resolve to this machine (DNS rebinding); the check of the Origin header 
 requests. Paths are names of actions, never names of files.
 """
 
-from __future__ import annotations
-
 import hmac
 import json
 import re

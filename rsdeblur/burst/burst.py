@@ -17,7 +17,7 @@ from rsdeblur.burst.solution import BurstSolution
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.motion_evidence import MotionEvidence
-from rsdeblur.estimate.refine import REFINED_FRAMES, Refinement
+from rsdeblur.estimate.refine import REFINED_FRAMES
 from rsdeblur.image.encoded import EncodedImage, ReadoutFrame, check_size, result_like
 from rsdeblur.image.mending import UndershootMeter
 from rsdeblur.motion.arguments import check_recording, exposure_list
@@ -82,17 +82,11 @@ class BurstResult:
         Index of the reference, from 0.
     frames : tuple of FrameUse
         What each frame contributed, in the order of the input.
-    mode : {"global", "banded", "rowwise"}
-        The mode in use.
-    refinement : Refinement or None
-        Correction of the recording, see :func:`rsdeblur.refine`; None where none was requested.
     """
 
     result: DeblurResult
     reference: int
     frames: tuple[FrameUse, ...]
-    mode: Mode
-    refinement: Refinement | None = None
 
     @property
     def image(self) -> NDArray[Any]:
@@ -215,12 +209,11 @@ def deblur_burst(
     check = judged(first.encoded, upright, evidence, meter, chosen, clock)
     psfs, coverage = frame.bank(solution.bank), frame.back(coverage)
     shares = dict(zip(burst.used, solution.shares, strict=True))
+    found: dict[str, Any] = {"timings": clock.timings, "refinement": refinement}
     return BurstResult(
-        result_of(out, first.encoded, solution, psfs=psfs, coverage=coverage, check=check, timings=clock.timings),
+        result_of(out, first.encoded, solution, psfs=psfs, coverage=coverage, check=check, **found),
         burst.index,
         tuple(_use(burst, n, shares.get(n, 0.0), frame) for n in range(len(images))),
-        chosen.mode_in_effect,
-        refinement,
     )
 
 

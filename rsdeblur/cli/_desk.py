@@ -4,8 +4,6 @@ Every request contains the whole form, so the page and the command line cannot d
 command come from the same arguments.
 """
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil

@@ -1,7 +1,5 @@
 """`rsdeblur batch`: deblur many photos in worker processes."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import time

@@ -1,7 +1,5 @@
 """`rsdeblur burst`: deblur several frames of one scene together."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -118,7 +116,6 @@ def _deblurred(
         for number, use in zip(numbers, result.frames, strict=True)
     ]
     facts = rs.result_facts(result.result, target.output, options.prior_name, seconds)
-    facts["refinement"] = rs.refinement_facts(result.refinement)
     return facts | {"reference": numbers[result.reference], "frames": used}
 
 

@@ -1,7 +1,5 @@
 """`rsdeblur deblur`: deblur one picture; several are a batch."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`rsdeblur info`: show what files contain."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`rsdeblur simulate`: blur a sharp picture."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

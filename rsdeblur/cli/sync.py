@@ -1,7 +1,5 @@
 """`rsdeblur sync`: estimate the clock offset from the blur of one or several pictures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """`rsdeblur video`: deblur the blurred frames of a video."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from pathlib import Path

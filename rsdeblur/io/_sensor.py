@@ -4,8 +4,6 @@ libheif turns the pixels of HEIC upright, this module turns them back. Raw files
 linear light without a tone curve.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 from io import BytesIO

@@ -4,8 +4,6 @@ Pillow supports neither 16-bit nor float colour, and applies a TIFF's orientatio
 tifffile reads and writes the samples.
 """
 
-from __future__ import annotations
-
 import logging
 import struct
 from io import BytesIO

@@ -3,8 +3,6 @@
 To add a format, write its `sniff` and `read` and append a `Format` to `FORMATS`.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

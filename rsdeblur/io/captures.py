@@ -1,7 +1,5 @@
 """Timestamps, exposure times and clocks of pictures, from the files that loggers write beside them."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Formats of files and their detection, and archives."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Gyro data inside pictures and videos: the GYRODATA trailer of a JPEG, and telemetry tracks."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Iterator, Mapping

@@ -4,8 +4,6 @@ To add a format, write its `sniff` and `read` in a file of its own and add it to
 accepts the content wins. One more app that writes a table is a row of `gyro_tables.APPS`.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from functools import partial

@@ -4,8 +4,6 @@ Columns are those that the user chose, or found by name, or by the few layouts w
 names, order, units and separators, so there is one reader. The app that wrote the file decides the axes.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -4,8 +4,6 @@ Logs contain rates in the sensor's raw axes and an orientation string. The strin
 are in Gyroflow's frame (x up, y left, z back).
 """
 
-from __future__ import annotations
-
 import math
 import re
 import struct

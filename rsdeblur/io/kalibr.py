@@ -1,7 +1,5 @@
 """Cameras of calibration tools: YAML of Kalibr, EuRoC, maplab and VINS-Fusion, and DSO's `camera.txt`."""
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Any

@@ -5,8 +5,6 @@ always in the sensor's axes: the orientation in the EXIF block is not applied bu
 the result.
 """
 
-from __future__ import annotations
-
 import os
 import warnings
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Folders of loggers: find the gyro log, the capture file, and the exposure of each photo."""
 
-from __future__ import annotations
-
 import re
 import zipfile
 from collections.abc import Iterable

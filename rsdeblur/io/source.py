@@ -3,8 +3,6 @@
 Tables of numbers are read fast, with exact timestamps, and with the line named where that fails.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

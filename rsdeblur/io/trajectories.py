@@ -1,7 +1,5 @@
 """Trajectories: tables of time, position and quaternion."""
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import replace

@@ -4,8 +4,6 @@ The functions do not check their arguments. `native` is the C extension, or None
 environment variable ``RSDEBLUR_PURE=1``, read when this package is imported, turns the extension off.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from types import ModuleType

@@ -1,7 +1,5 @@
 """Numba's compiler, which compiles again where its cache on disk is damaged, full or unwritable."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Callable, Iterator

@@ -6,8 +6,6 @@ function is found at half size, where both are known, and evaluated at full size
 .. [1] K. He and J. Sun, "Fast guided filter", arXiv:1505.00996, 2015.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from rsdeblur._util.memory import empty

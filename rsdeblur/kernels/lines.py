@@ -8,8 +8,6 @@ Shapes: channels C, picture (H, W, C), spectra of rows (C, R, K), N of their col
 arrays are C-contiguous, float32, complex64 or int32.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """One step of the fit of noise and model error to the periodograms of tiles (:mod:`rsdeblur.tuning.noise`)."""
 
-from __future__ import annotations
-
 from rsdeblur.kernels._jit import njit
 
 

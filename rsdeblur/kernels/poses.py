@@ -1,7 +1,5 @@
 """Orientation of a camera at and between the samples of its gyro log, and points as it sees them from its poses."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from rsdeblur.kernels._jit import njit, read_only

@@ -9,8 +9,6 @@ the window's spectrum it is a non-uniform Fourier transform of the path [1]_.
 .. [1] A. Dutt and V. Rokhlin, "Fast Fourier transforms for nonequispaced data", SIAM J. Sci. Comput. 14, 1993.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

@@ -5,8 +5,6 @@ A picture is given as B-spline coefficients, quintic ones for values and cubic o
 it is mirrored.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

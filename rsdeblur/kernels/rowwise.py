@@ -9,8 +9,6 @@ rows, and each block I from `coupled[J]` to J, the conjugates of the nine values
 columns of I.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

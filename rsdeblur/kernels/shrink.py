@@ -8,8 +8,6 @@ of a pixel are one vector, which is shortened as a whole: vectors up to a thresh
 is left.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

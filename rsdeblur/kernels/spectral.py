@@ -4,8 +4,6 @@ Spectra are C-contiguous complex64 arrays. Shapes: slabs or bands B, channels C,
 picture rows H.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tone curves: from integers to linear light by a table, and that of sRGB back."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -8,8 +8,6 @@ along a strong edge, count by their logarithm instead: `log V + 2 log(1 + P / 2 
 over the tile and `stiffness / 2` times the squared differences of their logarithms from the mean of these.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

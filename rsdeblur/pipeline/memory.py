@@ -4,8 +4,6 @@ A chunk reads more rows than it writes, so that errors at its ends do not reach 
 those of the whole picture.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -48,9 +46,10 @@ def plan_chunks(solver: PictureSolver, shape: tuple[int, int, int], max_memory: 
             is_halved = options.mode_in_effect != "rowwise" and chroma_of(options, bank.size, shape) == "half"
             half = halved(bank, threads=options.threads) if is_halved else None
             all_cols = slice(0, width)
+            rows = [slice(source.start // 2, -(-source.stop // 2)) for source, _ in parts]
             return [
-                Chunk(source, target, bank.cut(source, all_cols), half and half.cut(_halved(source), all_cols))
-                for source, target in parts
+                Chunk(source, target, bank.cut(source, all_cols), half and half.cut(own, all_cols))
+                for (source, target), own in zip(parts, rows, strict=True)
             ]
         if count == most:
             raise InputError(
@@ -73,10 +72,6 @@ def _parts(solver: PictureSolver, height: int, count: int) -> list[tuple[slice, 
     edges = [height * i // count for i in range(count + 1)]
     # From an even row on, the pixels of half the size are those of the whole picture.
     return [(slice(max(a - reach, 0) // 2 * 2, min(b + reach, height)), slice(a, b)) for a, b in pairwise(edges)]
-
-
-def _halved(rows: slice) -> slice:
-    return slice(rows.start // 2, -(-rows.stop // 2))
 
 
 def _margin(strengths: Strengths) -> float:

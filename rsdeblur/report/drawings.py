@@ -1,7 +1,5 @@
 """Drawings: with Pillow pictures in 8 bits, kernels at their places, data for pages; as SVG the blur over time."""
 
-from __future__ import annotations
-
 import base64
 import math
 from collections.abc import Mapping, Sequence

@@ -99,7 +99,7 @@ def test_tall_blur_that_changes_is_solved_row_by_row() -> None:
     images = list(simulate_clip(*capture, samples=32))
 
     def mode(log=capture[1], **options) -> str:
-        return deblur_burst(images, log, CAMERA, EXPOSURES[:2], prior="wiener", check=False, **options).mode
+        return deblur_burst(images, log, CAMERA, EXPOSURES[:2], prior="wiener", check=False, **options).result.mode
 
     assert mode() == "rowwise"
     assert mode(log=LOG) == "banded"
@@ -297,8 +297,8 @@ def test_refine_corrects_the_recording_by_the_most_blurred_frames(monkeypatch: p
     monkeypatch.setattr("rsdeblur.pipeline.plan.refine", refined)
     monkeypatch.setattr("rsdeblur.burst.burst.REFINED_FRAMES", 2)
     result = deblur_burst(images, LOG, wrong, EXPOSURES, prior="wiener", check=False, refine=True)
-    assert result.refinement is not None
-    assert result.refinement.accepted
+    assert result.result.refinement is not None
+    assert result.result.refinement.accepted
     np.testing.assert_array_equal(result.image, together().image)
     lengths = [Capture.from_log(LOG, wrong, exposure).probe.lengths.mean() for exposure in EXPOSURES]
     least = int(np.argmin(lengths))
