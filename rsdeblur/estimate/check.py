@@ -14,6 +14,7 @@ import numpy as np
 
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Verdict
+from rsdeblur.estimate.cepstrum import cepstral_match
 from rsdeblur.estimate.motion_evidence import SIZES, MotionEvidence
 from rsdeblur.estimate.refine import Refinement
 from rsdeblur.estimate.search import OTHER_AXES
@@ -47,6 +48,9 @@ TURN = Bounds(0.01, 0.05, clear=-0.03)
 # Detail below which a result has lost what the blur left, see :class:`QualityCheck`. Results that are better than the
 # photo have 1.1 and more (`python -m benchmarks.verdict --phone --new --records FILE` keeps it for each); fog has less.
 LEAST_DETAIL = 0.65
+# Cepstral match below which a result has waves or grain. Where an alternative leads, results that are better by 2 dB
+# have 0.06 and more (`python -m benchmarks.verdict --phone --new --records FILE` keeps it for each).
+LEAST_MATCH = 0.06
 # Gain, nats, and standard deviations from which a change of the focal length that refinement refused makes a result
 # doubtful; and the change, as the logarithm of a factor, from which an accepted one does.
 REFUSED_GAIN, REFUSED_DEVIATIONS, LARGE_SCALE = 10.0, 3.0, 0.223
@@ -93,6 +97,10 @@ class QualityCheck:
         None if the motion cannot be judged.
     replaced : bool
         Whether the input was returned in place of the result because of this check.
+    cepstral_match : float or None
+        Correlation of the cepstra of the result and of its PSFs, lowest tenth of the tiles. It is small where the
+        result has waves or grain at frequencies that the motion removed, for which the blurred picture does not ask.
+        None where the motion leads, for a burst, and where fewer than ten tiles of 128 px show more than noise.
     """
 
     verdict: Verdict
@@ -103,6 +111,7 @@ class QualityCheck:
     detail: float | None
     half_turn: float | None
     replaced: bool = False
+    cepstral_match: float | None = None
 
 
 def assess(
@@ -113,8 +122,12 @@ def assess(
     if evidence.tiles is None:
         return _with_verdict(QualityCheck("cannot tell", (), None, None, ringing, None, None), evidence.unknown)
     alternative, lead = best_alternative(evidence, threads)
-    detail = evidence.tiles.detail(result, threads=threads)
-    return _with_verdict(QualityCheck("cannot tell", (), lead, alternative, ringing, detail, evidence.half_turn))
+    tiles, turn, match = evidence.tiles, evidence.half_turn, None
+    detail = tiles.detail(result, threads=threads)
+    if lead < 0 and evidence.frames == 1:  # other frames of a burst show what the motion of the reference removed
+        match = cepstral_match(tiles.encoded, result, tiles.capture, tiles.noise, threads=threads)
+    check = QualityCheck("cannot tell", (), lead, alternative, ringing, detail, turn, cepstral_match=match)
+    return _with_verdict(check)
 
 
 def best_alternative(evidence: MotionEvidence, threads: int | None) -> tuple[str, float]:
@@ -161,6 +174,8 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
         sentences.append(f"The result rings: light below black is {check.ringing:.1%} of the picture's contrast.")
     if check.detail is not None and check.detail < LEAST_DETAIL:
         sentences.append("The result has lost the picture's detail: are nsr and weight too large?")
+    if check.cepstral_match is not None and check.cepstral_match < LEAST_MATCH:
+        sentences.append("The result has waves or grain that the photo does not ask for: is the weight too small?")
     doubtful, unknown = len(sentences) > len(reasons), check.lead is None
     verdict: Verdict = "bad" if bad else "doubtful" if doubtful else "cannot tell" if unknown else "good"
     return replace(check, verdict=verdict, reasons=tuple(sentences))
@@ -172,6 +187,8 @@ def doubted_by(refinement: Refinement, check: QualityCheck) -> QualityCheck:
     clear = refinement.gain >= REFUSED_GAIN and abs(scale) > REFUSED_DEVIATIONS * refinement.sd.scale
     if refinement.reason == OTHER_AXES:
         reason = f"The axes may be wrong: {OTHER_AXES}"
+    elif accepted and not refinement.confidence:
+        reason = "The axes may be wrong: a drift that the log lacks makes up much of the motion."
     elif abs(scale) > LARGE_SCALE if accepted else clear:
         factor = f"The focal length may be wrong: the picture asks for {np.exp(scale):.2f} times the given one"
         reason = f"{factor}{'' if accepted else ', but not surely'}."

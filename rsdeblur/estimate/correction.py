@@ -72,11 +72,6 @@ class Correction:
         """The acceleration, (x, y) in px/s^2."""
         return self.acceleration_x, self.acceleration_y
 
-    @property
-    def vector(self) -> FloatArray:
-        """The eight numbers in their order above."""
-        return np.array(astuple(self))
-
 
 #: Names of the numbers of a :class:`Correction`, in their order.
 PARAMETERS = tuple(field.name for field in fields(Correction))
@@ -155,7 +150,7 @@ class Uncertainty:
         if acceleration * exposure.duration**2 / 8 < LEAST_BEND:
             acceleration = 0.0
         numbers = self.scale, drift, drift, self.offset, readout, self.roll, acceleration, acceleration
-        return Correction(*numbers).vector
+        return np.array(astuple(Correction(*numbers)))
 
 
 def uncertainty_of(given: Uncertainty | None, free: str | Collection[str] | None, default: Uncertainty) -> Uncertainty:

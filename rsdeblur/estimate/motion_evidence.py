@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share, share_map
+from rsdeblur.estimate.cepstrum import spread
 from rsdeblur.estimate.sharpness import SIDE, QuickSharpness, captured
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.kernels.raster import rasterize
@@ -53,6 +54,7 @@ class MotionEvidence:
     # Takes names of straight blurs and other sizes, and a number of threads, and returns how much clearer the sharp
     # picture is with the motion than with each: differences of the logarithm of l1 / l2 of the gradient.
     clearer: Callable[[Sequence[str], int | None], list[float]] = field(default=lambda names, _: [0.0] * len(names))
+    frames: int = 1
 
     @classmethod
     def of(cls, encoded: EncodedImage, capture: Capture, *, threads: int | None = None) -> MotionEvidence:
@@ -98,6 +100,7 @@ class MotionEvidence:
             {name: float(np.mean([evidence.leads[name] for evidence in judged])) for name in each[0].leads},
             float(np.mean([evidence.half_turn for evidence in judged])),
             lambda names, threads: np.mean([evidence.clearer(names, threads) for evidence in judged], axis=0).tolist(),
+            len(judged),
         )
 
 
@@ -105,10 +108,10 @@ class CheckTiles:
     """Some tiles of a picture, reduced by a whole factor and in grey, with the PSFs there."""
 
     def __init__(self, encoded: EncodedImage, capture: Capture, step: int, threads: int | None) -> None:
-        self._step = step
-        self._corners = [_spread(n // step) for n in encoded.shape[:2]]
+        self.encoded, self.capture, self._step = encoded, capture, step
+        self._corners = [spread(n // step, CELL, 6) for n in encoded.shape[:2]]
         self._blurred, finest = self._cells(encoded, threads)
-        self._noise = noise_level(_mosaic(finest)[..., None])
+        self.noise = noise_level(_mosaic(finest)[..., None])
         rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
         self._paths = BlurPaths.from_capture(captured(capture, 1 / step), rows, cols)
         # So few PSFs are drawn sooner than threads start.
@@ -117,7 +120,7 @@ class CheckTiles:
     @property
     def detailed(self) -> bool:
         """Whether the tiles show more than noise; the reduction has made the noise weaker."""
-        return float(self._blurred.std()) > max(LEAST_DETAIL * self._noise / self._step, 1e-6)
+        return float(self._blurred.std()) > max(LEAST_DETAIL * self.noise / self._step, 1e-6)
 
     def _cells(self, encoded: EncodedImage, threads: int | None) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the tiles reduced, and corners of them of the same size unreduced, both (B, S, CELL, CELL)."""
@@ -169,7 +172,7 @@ class CheckTiles:
         """Return the detail of the result, see :class:`rsdeblur.estimate.QualityCheck`."""
         sharp, _ = self._cells(result, threads)
         # White noise has the same variance in all pixels, and twice that in each difference.
-        left = _gradient(self._blurred) - 4 * (self._noise / self._step) ** 2
+        left = _gradient(self._blurred) - 4 * (self.noise / self._step) ** 2
         return _gradient(sharp) / left if left > 0 else None
 
 
@@ -187,12 +190,6 @@ def _reduced(encoded: EncodedImage) -> NDArray[np.float32]:
     greys = [EncodedImage(cell, encoded.transfer).grey(slice(None)) for cell in cells]
     mean: NDArray[np.float32] = np.mean(greys, axis=0)
     return mean
-
-
-def _spread(length: int) -> NDArray[np.intp]:
-    """Return the first pixels of at most six cells that are spread over `length` px and overlap by half at most."""
-    count = min(6, 2 * length // CELL - 1)
-    return np.round(np.linspace(0, length - CELL, count)).astype(np.intp)
 
 
 def _mosaic(cells: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -21,7 +21,7 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import Correction, Recording, Uncertainty, uncertainty_of
 from rsdeblur.estimate.regions import LEAST_GAIN, DriftByRegion
-from rsdeblur.estimate.score import Corrected, Score
+from rsdeblur.estimate.score import Corrected, Score, mean_lengths
 from rsdeblur.estimate.search import AHEAD_OF_AXES, OTHER_AXES, Search, rival_lead
 from rsdeblur.image.encoded import EncodedImage, ReadoutFrame, check_size, reduced
 from rsdeblur.motion.arguments import check_reach, check_recording, exposure_list
@@ -41,6 +41,8 @@ AHEAD_BY_FACTORS = AHEAD_OF_AXES + LEAST_GAIN
 # Exposures that are shorter, s, show no shake; the drifts of the search would have speeds that no hand has, and PSFs of
 # the rows between them that fill the memory.
 LEAST_DURATION = 1e-4
+# Drift over the mean length of the paths from which axes that nothing confirms are in doubt: it may replace the motion.
+MOST_DRIFT = 1 / 3
 # Photos that are enough to correct a recording.
 REFINED_FRAMES = 6
 # How far the recording of several photos may be wrong, by default.
@@ -67,7 +69,8 @@ class Refinement:
     sd : Correction
         Standard deviations of its numbers; those of the :class:`Uncertainty` where the picture does not determine them.
     confidence : float
-        How likely the correction brings the motion nearer to the truth, in [0, 1]; 0 where other axes fit as well.
+        How likely the correction brings the motion nearer to the truth, in [0, 1]; 0 where other axes fit as well, or a
+        drift makes up a third of the motion of one photo and nothing confirms the axes.
     gain : float
         How much likelier the correction is than none, nats.
     fall : float
@@ -215,6 +218,8 @@ def refine(
         score = Score.of_photos(lights, recordings, deviations, threads)
         found, reason = _found(score, known_axes=known_axes, progress=progress or (lambda *_: None))
         spread = score.spread(found.place)
+    drifts = np.abs([complex(*Correction(*(place * deviations).tolist()).drift) for place in found.place])
+    drifted = not (reason or known_axes or several) and bool((drifts > MOST_DRIFT * mean_lengths(recordings)).any())
     refinements = []
     for n, used in enumerate(recordings if reason else found.recordings):
         refinements.append(
@@ -224,7 +229,7 @@ def refine(
                 reason=reason,
                 values=Correction(*(found.place[n] * deviations).tolist()),
                 sd=Correction(*(spread[n] * deviations).tolist()),
-                confidence=0.0 if reason == OTHER_AXES else found.confidence,
+                confidence=0.0 if drifted or reason == OTHER_AXES else found.confidence,
                 gain=found.gain,
                 fall=found.fall,
                 regions=None if found.factors is None else ReadoutFrame(camera).back(found.factors),

@@ -78,8 +78,10 @@ def test_a_focal_length_in_doubt_makes_a_result_doubtful(restored, accepted, gai
     check = doubted_by(found, restored(right=True).check)
     assert check.verdict == verdict
     assert bool(check.reasons) == (verdict == "doubtful")
-    # Where other axes explain as much, nothing is good.
+    # Where other axes explain as much, nothing is good; nor where a drift takes the place of the motion.
     assert doubted_by(replace(found, reason=OTHER_AXES), restored(right=True).check).verdict == "doubtful"
+    drifted = doubted_by(replace(found, accepted=True, confidence=0.0), restored(right=True).check)
+    assert "a drift" in drifted.reasons[-1]
 
 
 def test_half_a_turn_is_found_though_spectra_are_the_same():

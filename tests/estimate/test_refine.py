@@ -1,6 +1,6 @@
 """Correction of the recording by the picture: simulated errors, right recordings, drift by region, light streaks."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, astuple, replace
 
 import numpy as np
 import pytest
@@ -222,7 +222,7 @@ def found(request):
 def place(**values):
     """Return a correction of one photo in standard deviations."""
     deviations = Uncertainty().deviations(LARGE, SHUTTER)
-    row = np.divide(Correction(**values).vector, deviations, out=np.zeros(len(deviations)), where=deviations > 0)
+    row = np.divide(astuple(Correction(**values)), deviations, out=np.zeros(len(deviations)), where=deviations > 0)
     return row[None]
 
 
