@@ -3,8 +3,6 @@
 Loading this module loads nothing else.
 """
 
-from __future__ import annotations
-
 from typing import Literal, get_args
 
 Mode = Literal["global", "banded", "rowwise"]

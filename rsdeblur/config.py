@@ -1,7 +1,5 @@
 """Facts about this installation: versions, compiler, SIMD level, threads."""
 
-from __future__ import annotations
-
 import platform
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version

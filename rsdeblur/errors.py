@@ -4,8 +4,6 @@
 wrong, what was found and what to do.
 """
 
-from __future__ import annotations
-
 
 class RsdeblurError(Exception):
     """Base of all errors raised by rsdeblur."""

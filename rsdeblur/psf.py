@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import affine_transform, gaussian_filter
 
 from rsdeblur._util import validate
 from rsdeblur._util.files import atomic_write, open_file
@@ -78,7 +78,7 @@ class PsfBank:
             centres = validate.real_array(name, getattr(self, name), (kernels.shape[axis],))
             validate.increasing(name, centres)
             object.__setattr__(self, name, centres)
-        object.__setattr__(self, "softness", validate.softness(self.softness))
+        object.__setattr__(self, "softness", validate.softness("softness", self.softness))
         if self.displacements is not None:
             displacements = validate.real_array("displacements", self.displacements)
             object.__setattr__(self, "displacements", displacements)
@@ -291,6 +291,23 @@ class PsfBank:
         if self.displacements is None or self.softness == 0:
             return self
         return PsfBank.from_paths(BlurPaths(self.displacements, self.rows, self.cols))
+
+    def scaled(self, factor: float) -> PsfBank:
+        """Return the bank of a blur that is `factor` times as large, from 0.01 to 10, at the same places.
+
+        Kernels without paths are interpolated. A softness beside the paths stays as it is.
+        """
+        factor = validate.finite("factor", factor, minimum=0.01, maximum=10.0)
+        if self.displacements is not None:
+            return PsfBank.from_paths(BlurPaths(factor * self.displacements, self.rows, self.cols, self.softness))
+        size = [2 * int(np.ceil(factor * (n // 2))) + 1 for n in self.size]
+        validate.memory(f"PSFs of {size[1]}x{size[0]} px", 4 * self.kernels[..., 0, 0].size * size[0] * size[1], 0)
+        # Pixels of a smaller kernel are as wide as several.
+        softer = gaussian_filter(self.kernels, np.sqrt(max(factor**-2 - 1, 0.0)) / 2, mode="constant", axes=(2, 3))
+        places = [n // 2 - m // 2 / factor for n, m in zip(self.size, size, strict=True)]
+        shape, step = (*self.kernels.shape[:2], *size), [1, 1, 1 / factor, 1 / factor]
+        drawn = affine_transform(softer, step, [0, 0, *places], output_shape=shape, order=1, mode="grid-constant")
+        return PsfBank(drawn / drawn.sum(axis=(2, 3), keepdims=True), self.rows, self.cols)
 
     def cut(self, rows: slice, cols: slice) -> PsfBank:
         """Return the bank of the kernels that affect a part of the picture.

@@ -1,7 +1,5 @@
 """Array and callback types of the whole package."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

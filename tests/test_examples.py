@@ -177,6 +177,23 @@ class TestFile:
         np.testing.assert_allclose(np.abs(np.arange(-2, 3)) ** 2 @ bank.kernels[0, 0].sum(axis=0), 0.36, rtol=0.05)
 
 
+@pytest.mark.parametrize("factor", [0.45, 1.0, 1.6])
+def test_a_scaled_blur_has_scaled_moments(factor: float) -> None:
+    """With paths, which are scaled exactly, and without, where kernels are interpolated; its sum stays 1."""
+    field = PsfBank.from_field(np.full((70, 90), 21.0), np.full((70, 90), -13.0), tile=90)
+    for bank in (field, PsfBank(field.kernels, field.rows, field.cols), PsfBank.parametric(line=(20, 30), gauss=3)):
+        variances = []
+        for each in (bank, bank.scaled(factor)):
+            kernel = each.kernels[0, 0].astype(float)
+            y, x = (np.arange(n) - n // 2 for n in each.size)
+            assert kernel.sum() == pytest.approx(1.0, abs=1e-6)  # float32
+            assert (kernel.sum(axis=0) @ x, kernel.sum(axis=1) @ y) == pytest.approx((0.0, 0.0), abs=1e-4)
+            variances.append((kernel.sum(axis=0) @ x**2, kernel.sum(axis=1) @ y**2))
+        # Pixels and interpolation add up to 1 px^2.
+        np.testing.assert_allclose(variances[1], factor**2 * np.array(variances[0]), atol=1.0)
+        np.testing.assert_array_equal([each.rows for each in (bank.scaled(factor),)], [bank.rows])
+
+
 def test_a_field_of_lines_has_no_signs() -> None:
     """A line of each pixel: its length and direction, whichever end comes first."""
     sign = np.random.default_rng(0).choice([-1, 1], (70, 90))

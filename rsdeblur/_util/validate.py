@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterable, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -98,30 +99,17 @@ def finite(
     return number + 0.0  # without the sign of -0.0, which NumPy refuses as a deviation
 
 
-def time(name: str, value: Any, *, above: float | None = None) -> float:
-    """Return a time in s, from -1e12 to 1e12, greater than `above`."""
-    return finite(name, value, minimum=-MOST_SECONDS, above=above, maximum=MOST_SECONDS)
+# A time in s; the standard deviation of a picture's noise in linear light; the exponent of a hyper-Laplacian; and that
+# of lens, pixels and demosaicing in px: the window by which rows are drawn holds four of the largest.
+time = partial(finite, minimum=-MOST_SECONDS, maximum=MOST_SECONDS)
+noise = partial(finite, minimum=0.0, maximum=MOST_LIGHT)
+exponent = partial(finite, above=0.0, maximum=1.0)
+softness = partial(finite, minimum=0.0, maximum=1.0)
 
 
 def strength(name: str, value: Any) -> float:
     """Return a noise-to-signal ratio or the weight of a prior, from 1e-20 to 1e20."""
     return finite(name, finite(name, value, above=0.0), minimum=1 / MOST_STRENGTH, maximum=MOST_STRENGTH)
-
-
-def noise(name: str, value: Any) -> float:
-    """Return the standard deviation of a picture's noise in linear light, from 0 to 1e12."""
-    return finite(name, value, minimum=0.0, maximum=MOST_LIGHT)
-
-
-def exponent(value: Any) -> float:
-    """Return the exponent of a hyper-Laplacian, which must be in (0, 1]."""
-    return finite("exponent", value, above=0.0, maximum=1.0)
-
-
-def softness(value: Any) -> float:
-    """Return a standard deviation of lens, pixels and demosaicing in px, which must be from 0 to 1."""
-    # The window by which rows are drawn holds four of the largest.
-    return finite("softness", value, minimum=0.0, maximum=1.0)
 
 
 def count(name: str, value: Any, *, minimum: int = 1, maximum: int | None = None) -> int:
@@ -136,9 +124,8 @@ def count(name: str, value: Any, *, minimum: int = 1, maximum: int | None = None
     return int(value)
 
 
-def nanoseconds(name: str, value: Any) -> int:
-    """Return `value` as an int; it must be a whole number of nanoseconds that fits into 64 bits."""
-    return count(name, value, minimum=-(2**63), maximum=2**63 - 1)
+# A whole number of nanoseconds that fits into 64 bits.
+nanoseconds = partial(count, minimum=-(2**63), maximum=2**63 - 1)
 
 
 def choice(name: str, value: object, allowed: Collection[str]) -> str:

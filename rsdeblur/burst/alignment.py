@@ -1,7 +1,5 @@
 """Frames of a burst, measured one by one and aligned with one of them; their shares in the result."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

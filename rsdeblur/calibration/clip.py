@@ -333,6 +333,7 @@ class _Clip:
             readout_sd=0.0,
             readout_direction=direction,
             time_offset=offset,
+            time_offset_sd=0.0,
         )
         return calibrated, values, directed
 

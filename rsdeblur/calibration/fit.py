@@ -11,8 +11,6 @@ neighbouring pairs have nearly the same shared errors: each of the four is an au
 Shake that is faster than it then counts more. Variances and correlations are estimated from the residuals.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple

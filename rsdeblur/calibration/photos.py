@@ -291,7 +291,7 @@ class _Photos:
 def _read_in(camera: Camera, readout_time: float, later: float = 0.0) -> Camera:
     """Return a camera with another readout time; its middle row is exposed at the same time, or so much `later`, s."""
     offset = camera.time_offset + _middle(camera) * (readout_time - camera.readout_time) + later
-    return replace(camera, time_offset=offset, readout_time=readout_time, readout_sd=0.0)
+    return replace(camera, time_offset=offset, time_offset_sd=0.0, readout_time=readout_time, readout_sd=0.0)
 
 
 def _middle(camera: Camera) -> float:
@@ -304,5 +304,5 @@ def _without(camera: Camera, name: str, start: Camera) -> Camera:
     if name == "scale":
         return replace(camera, focal_length=start.focal_length)
     if name == "offset":
-        return replace(camera, time_offset=start.time_offset)
+        return replace(camera, time_offset=start.time_offset, time_offset_sd=start.time_offset_sd)
     return replace(_read_in(camera, start.readout_time), readout_sd=start.readout_sd) if name else camera

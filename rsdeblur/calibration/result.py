@@ -1,7 +1,5 @@
 """Result of a calibration, and what clips and photos have in common in judging it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

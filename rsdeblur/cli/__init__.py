@@ -4,8 +4,6 @@ Command modules take the rest of the package from `_engine`, which imports a par
 ``rsdeblur --help`` answers at once.
 """
 
-from __future__ import annotations
-
 import _thread
 import errno
 import os

@@ -1,7 +1,5 @@
 """Items of a batch: the rows of a manifest, the photos of a folder, or photos that are named."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections import Counter

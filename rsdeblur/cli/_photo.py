@@ -97,6 +97,7 @@ class PhotoJob:
     options: Options
     target: Target
     psf: Path | None = None
+    psf_scale: float = 1.0
     save_camera: Path | None = None
     make_folder: bool = False
     refine_anyway: bool = False
@@ -167,6 +168,7 @@ def _by_kernel(job: PhotoJob, move: rs.Progress | None) -> Work:
     assert job.psf is not None
     picture = rs.read_picture(job.photo)
     bank = rs.read_psfs(job.psf, picture.pixels.shape)
+    bank = bank if job.psf_scale == 1 else bank.scaled(job.psf_scale)
     options = replace(job.options, transfer=_inputs.transfer_of(picture, job.options.transfer))
     with _inputs.naming(job.psf):
         rs.check_bank(bank, picture.pixels.shape)

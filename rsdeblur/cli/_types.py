@@ -1,7 +1,5 @@
 """Types of option values: times, counts, strengths, sizes, rates. Manifests use them for their cells."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

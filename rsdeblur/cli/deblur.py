@@ -14,7 +14,7 @@ from rsdeblur.cli._items import result_name
 from rsdeblur.cli._options import RECORDING, Command, Recording, Target, option, refuse_given
 from rsdeblur.cli._output import level, progress, refuse_inputs
 from rsdeblur.cli._photo import PhotoJob, check_sources, deblur_photo
-from rsdeblur.cli._types import PATH
+from rsdeblur.cli._types import PATH, NumberType
 from rsdeblur.pipeline.options import Options
 
 EXAMPLES = """\b
@@ -43,6 +43,7 @@ def default_output(photos: tuple[Path, ...], **_: Any) -> Path:
     metavar="KERNEL",
     help="The blur as a kernel (picture, .npy) or PSF bank.",
 )
+@option("--psf-scale", section=RECORDING, type=NumberType(0.01, 10), metavar="N", help="Times as large a kernel.")
 @option(
     "--save-camera",
     section=RECORDING,
@@ -62,6 +63,7 @@ def default_output(photos: tuple[Path, ...], **_: Any) -> Path:
 def command(
     photos: tuple[Path, ...],
     psf: Path | None,
+    psf_scale: float | None,
     save_camera: Path | None,
     recording: Recording,
     options: Options,
@@ -74,12 +76,13 @@ def command(
     kept. Several photos are handled as by `rsdeblur batch`.
     """
     if len(photos) > 1:
-        refuse_given("is for one photo; give one at a time", psf=psf, save_camera=save_camera)
+        refuse_given("is for one photo; give one at a time", psf=psf, psf_scale=psf_scale, save_camera=save_camera)
         return batch.run(photos, recording, options, refine, target)
     refuse_given("is for several photos", numbered_from=recording.numbered_from)
     (photo,) = photos
     check_sources(recording, psf)
     if psf is None:
+        refuse_given("is for --psf", psf_scale=psf_scale)
         recording, options = with_exif(recording, photo), _options.with_refinement(options, refine)
     output, name = target.output, result_name(photo).name
     # A folder need not exist: no picture is named without an extension.
@@ -93,6 +96,7 @@ def command(
         options=options,
         target=replace(target, output=output),
         psf=psf,
+        psf_scale=psf_scale or 1.0,
         save_camera=save_camera,
         make_folder=into_folder,
         refine_anyway=bool(refine),

@@ -6,8 +6,6 @@ the colours follow the brightness (:mod:`rsdeblur.kernels.chroma`). With a prior
 quarters of the time of three full planes, and the result is as sharp (docs/developer/decisions.md).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -13,8 +13,6 @@ C. A few rows of the spectra at a time are transformed back into the picture. Th
 Blocks are independent, so threads share them, and any number of threads gives the same bits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

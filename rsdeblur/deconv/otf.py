@@ -5,8 +5,6 @@ the path on pixels, times that of the softness, a Gaussian. It is computed at th
 :mod:`rsdeblur.kernels.raster`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -213,7 +213,7 @@ class DerivativePrior:
     def __post_init__(self) -> None:
         validate.choice("kind", self.kind, DERIVATIVE_PRIORS)
         object.__setattr__(self, "weight", validate.strength("weight", self.weight))
-        object.__setattr__(self, "exponent", validate.exponent(self.exponent))
+        object.__setattr__(self, "exponent", validate.exponent("exponent", self.exponent))
         if self.peak is not None:
             object.__setattr__(self, "peak", validate.finite("peak", self.peak, maximum=validate.MOST_LIGHT))
 

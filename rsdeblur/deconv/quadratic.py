@@ -4,8 +4,6 @@ Its normal equations are one number per frequency and tile on either side. What 
 computed once and kept; a solve transforms the prior's pull, combines both, and transforms the result back.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 

@@ -1,7 +1,5 @@
 """The interface of solvers with priors: one picture of a scene, or several frames whose normal equations add up."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 import numpy as np

@@ -16,8 +16,6 @@ Richardson iteration, with steps of the lengths that Chebyshev polynomials give.
    of multipliers", IEEE Trans. Image Processing 22, 2013.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from rsdeblur._util.one_line import one_line

@@ -7,8 +7,6 @@ scene: edges and texture lie at short lags, the zeros of a PSF at lags as long a
 two-dimensional functions", IEEE Trans. Information Theory 21, 1975).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft

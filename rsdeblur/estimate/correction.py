@@ -93,7 +93,7 @@ class Uncertainty:
         Shift of the scene during the exposure that the log lacks, along each axis, as a share of the picture's longer
         side.
     offset : float, default 0.005
-        Error of the time offset, s.
+        Error of the time offset, s, where the camera has no `time_offset_sd`.
     readout : float, default 0.15
         Relative error of the readout time, where the camera has no `readout_sd`.
     roll : float, default 0.02
@@ -149,7 +149,8 @@ class Uncertainty:
             readout = camera.readout_sd / camera.readout_time
         if acceleration * exposure.duration**2 / 8 < LEAST_BEND:
             acceleration = 0.0
-        numbers = self.scale, drift, drift, self.offset, readout, self.roll, acceleration, acceleration
+        offset = self.offset and (camera.time_offset_sd or self.offset)
+        numbers = self.scale, drift, drift, offset, readout, self.roll, acceleration, acceleration
         return np.array(astuple(Correction(*numbers)))
 
 

@@ -74,7 +74,7 @@ class TileSpectra:
         side = int(np.clip(longer / max(LEAST_REDUCTION, recording.capture().mean_length / LONGEST_BLUR), low, high))
         self._scale = min(1.0, side / longer)
         grey = upright(light, camera, self._scale)
-        tops, lefts = (_places(n) for n in grey.shape)
+        tops, lefts = (tile_places(n) for n in grey.shape)
         self._rows, cols = tops + (TILE - 1) / 2, lefts + (TILE - 1) / 2
         strips = min(4, len(cols))  # PSFs change little across the picture
         self._cols = (np.arange(strips) + 0.5) * grey.shape[1] / strips - 0.5
@@ -125,7 +125,7 @@ def softness(scale: float) -> float:
     return float(np.hypot(SOFTNESS * scale, 0.5 * (1 - scale)))
 
 
-def _places(n: int) -> NDArray[np.intp]:
+def tile_places(n: int) -> NDArray[np.intp]:
     """Return the first pixels of tiles that overlap by about half and span `n` px."""
     return np.round(np.linspace(0, n - TILE, -(-2 * (n - TILE) // TILE) + 1)).astype(np.intp)
 

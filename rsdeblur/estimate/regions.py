@@ -6,8 +6,6 @@ for a part of the picture may explain the whole of it worse than a drift, a cloc
 nowhere. So factors are found for all corrections that the search proposes, before they are compared.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial

@@ -4,8 +4,6 @@ Corrections are places of a :class:`rsdeblur.estimate.posterior.Posterior`. :fun
 with other mountings of the gyro, which may explain the photos better.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -39,6 +37,8 @@ MODELS = (
     (STRAIGHT, 0),
 )
 WIDEST, COMPARED, STARTS = 3.0, 0.5, 2
+# Distance of the grid values of the logarithm of a readout time that is a guess: photos show it to within as much.
+SPACING = 0.1
 # Number of candidates that are adjusted and confirmed. Each model has up to two: its best correction, and the best with
 # its numbers alone, which another correction cannot have led astray.
 CANDIDATES = 5
@@ -46,8 +46,6 @@ CANDIDATES = 5
 MOST_STEPS = 2.0
 # The most standard deviations of any parameter of a correction that is accepted.
 MOST_DEVIATIONS = 6.0
-# The falls of several photos agree: their mean is more than so many times its standard error.
-LEAST_AGREEMENT = 2.0
 # Reasons of a refusal.
 NOT_CLEAR = "the picture does not contradict the recording, or not clearly"
 TOO_FAR = "the likeliest correction is too far from the recording"
@@ -67,9 +65,10 @@ FITTED = 4
 # Parameters along which parabolas adjust a correction, and their steps, standard deviations.
 ADJUSTMENTS = {
     # The quick measure of the sharp picture adjusts those of these that are corrected. At last the whole solve adjusts
-    # all others with the last step: it finds them more exactly, but on real photos, where the scene has several depths,
-    # it leads to drifts that are too long.
+    # the others: it finds them more exactly, but on real photos, where the scene has several depths, it leads to drifts
+    # that are too long. The last step is for a readout time that is a guess, whose deviation is wide.
     "quick": (("scale", *DRIFT, *ACCELERATION), (0.6, 0.3)),
+    "whole": (("offset", "readout", "roll"), (0.3, 0.1)),
     # A correction that is accepted may be bent. The first step is along the acceleration alone.
     "bent": ((*DRIFT, *ACCELERATION), (1.0, 0.5)),
     # Light streaks begin at the best place of the grid of drifts, or at no correction. The spectra join the last steps.
@@ -80,10 +79,14 @@ ADJUSTMENTS = {
 
 
 class Search:
-    """Search for the correction with the highest score."""
+    """Search for the correction with the highest score.
 
-    def __init__(self, score: Score) -> None:
+    With `guesses`, a readout time that is a guess needs no proof that it is wrong; other corrections must lead clearly.
+    """
+
+    def __init__(self, score: Score, *, guesses: bool = True) -> None:
         self._score = score
+        self._is_guess = guesses and score.photos[0].recording.camera.readout_sd > 0
         #: The corrections that :meth:`best` compared, the best first.
         self.candidates: list[FloatArray] = []
 
@@ -97,7 +100,10 @@ class Search:
             return candidates[0], TOO_FAR if likely else NOT_CLEAR
         # The search found the largest of many falls. The whole solve is free of what favoured them by chance.
         whole = score.whole_falls(near)
-        scores = [self._by_both(*each) - score.cost(each[0]) for each in zip(near, whole, strict=True)]
+        scores = [
+            self._by_both(place, falls) - score.cost(place) + EVIDENCE * (self._is_guess and is_readout(place))
+            for place, falls in zip(near, whole, strict=True)
+        ]
         refused, (names, steps) = [], ADJUSTMENTS["quick"]
         for n in np.argsort(scores)[::-1]:
             place = adjusted(near[n], score.all, score.directions(names, near[n]), progress, steps=steps)
@@ -114,9 +120,10 @@ class Search:
 
     def _polished(self, place: FloatArray, progress: Progress) -> FloatArray:
         """Return a credible correction, adjusted by the whole solve; unchanged if it would no longer be credible."""
-        names, steps = ADJUSTMENTS["quick"]
-        others = self._score.directions([name for name in PARAMETERS if name not in names], place)
-        polished = adjusted(place, self._score.all_whole, others, progress, steps=steps[-1:])
+        others, steps = ADJUSTMENTS["whole"]
+        directions = self._score.directions(others, place)
+        steps = steps if self._is_guess else steps[:1]
+        polished = adjusted(place, self._score.all_whole, directions, progress, steps=steps)
         return place if self._doubt(polished) else polished
 
     def _bent(self, place: FloatArray, progress: Progress) -> FloatArray:
@@ -136,8 +143,8 @@ class Search:
 
     def _doubt(self, place: FloatArray) -> str:
         """Return why an adjusted correction is not credible; empty if it is."""
-        score, changed = self._score, {PARAMETERS[at] for at in np.nonzero(place)[1].tolist()}
-        least, smaller = PROOFS["readout" if changed == {"readout"} else "usual"], PROOFS["smaller"]
+        score, alone = self._score, "guess" if self._is_guess else "readout"
+        least, smaller = PROOFS[alone if is_readout(place) else "usual"], PROOFS["smaller"]
         if score.of(place) < least.score:
             return NOT_CLEAR
         recordings = score.recordings(place)
@@ -199,6 +206,8 @@ class Search:
     def _grid(self, model: Sequence[str], count: int) -> list[FloatArray]:
         """Return places that are spread over the parameters of a model, `count` values of each; none if it is empty."""
         steps = self._score.directions(model)
+        if self._is_guess and list(model) == ["readout"]:
+            count = int(2 * WIDEST * self._score.deviations[PARAMETERS.index("readout")] / SPACING) + 2
         values = product(np.linspace(-WIDEST, WIDEST, count), repeat=len(steps))
         return [self._score.nothing + np.tensordot(each, steps, 1) for each in values] if steps else []
 
@@ -225,11 +234,16 @@ class Search:
         return [place, adjusted(place, gains, axes, progress, steps=steps[1:])]
 
 
+def is_readout(place: FloatArray) -> bool:
+    """Return whether a place changes the readout time, and nothing else."""
+    return {PARAMETERS[at] for at in np.nonzero(place)[1].tolist()} == {"readout"}
+
+
 def agree(falls: FloatArray) -> bool:
-    """Return whether the falls of several photos, shape (N,), agree; one alone always does."""
+    """Return whether the mean of the falls of photos, shape (N,), is over twice its standard error; True of one."""
     # A photo that becomes far clearer than the others does not contradict them.
     count, falls = len(falls), np.minimum(falls, 2 * np.median(falls))
-    return count == 1 or bool(falls.mean() > LEAST_AGREEMENT * falls.std(ddof=1) / np.sqrt(count))
+    return count == 1 or bool(falls.mean() > 2 * falls.std(ddof=1) / np.sqrt(count))
 
 
 def adjusted(

@@ -11,8 +11,6 @@ undoes some of it would look better than the right one.
 motions. :class:`WholeSharpness`, for the few motions that a search finds, solves the whole picture.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

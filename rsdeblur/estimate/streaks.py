@@ -6,8 +6,6 @@ CVPR 2014, find such trails in photos by night and estimate the PSF from them. H
 that no motion explains, as of a line of the scene, is ignored.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

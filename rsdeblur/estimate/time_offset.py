@@ -226,7 +226,7 @@ class _Clock:
     def _camera(self, best: _Answer) -> Camera:
         """Return the camera with the offset of an answer, and with the likeliest readout time where that is a guess."""
         # The spectra alone find both: neither is known, so neither needs the proof of a correction.
-        camera, score = replace(self._given[0].camera, time_offset=best.offset), best.score
+        camera, score = replace(self._given[0].camera, time_offset=best.offset, time_offset_sd=0.0), best.score
         if not camera.readout_sd:
             return camera
         offset, readout = map(PARAMETERS.index, MOMENT)
@@ -308,7 +308,7 @@ class _Clock:
 
     def _searched(self, answer: _Answer, progress: Progress) -> _Answer:
         """Return an answer with the correction that the whole search finds, if it is credible and better."""
-        place, reason = Search(answer.score).best(progress)
+        place, reason = Search(answer.score, guesses=False).best(progress)
         better = self._answer(answer.candidate, answer.score, place)
         return better if not reason and better.total > answer.total else answer
 

@@ -12,8 +12,6 @@ These limits hold for square roots of linear light, which are about as even to t
 a pixel is the mean of its channels there, its *chroma* is what each channel has more than that.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage

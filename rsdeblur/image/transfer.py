@@ -1,7 +1,5 @@
 """Tone curves between encoded values and linear light, in which blur happens; whole numbers and profiles of files."""
 
-from __future__ import annotations
-
 import struct
 from typing import Any
 

@@ -13,6 +13,9 @@ from rsdeblur.io.source import Source
 from rsdeblur.motion.camera import UNKNOWN_READOUT, Camera
 from rsdeblur.motion.camera_values import doubts
 
+# Keys that say how uncertain others are.
+DEVIATIONS = {"readout_time": "readout_sd", "time_offset": "time_offset_sd"}
+
 
 @dataclass(frozen=True, slots=True)
 class Request:
@@ -56,7 +59,7 @@ class CameraFile:
     def with_overrides(self, **overrides: Any) -> CameraFile:
         """Return the file with keys of its camera replaced, unless None, and without the assumptions about them."""
         overrides = {key: value for key, value in overrides.items() if value is not None}
-        overrides |= {"readout_sd": 0.0} if "readout_time" in overrides else {}
+        overrides |= {sd: 0.0 for name, sd in DEVIATIONS.items() if name in overrides}
         assumptions = tuple(assumption for assumption in self.assumptions if assumption.about not in overrides)
         return replace(self, camera=replace(self.camera, **overrides), assumptions=assumptions)
 

@@ -308,9 +308,10 @@ def check_layout(source: Source, rows: Rows, columns: Columns) -> None:
     place = columns.places[0]
     width = min([64, *map(len, cells)])  # the columns of any sensor log, and a bound on the work for other files
     grid = np.array([[float(cell) if is_number(cell) else np.nan for cell in found[:width]] for found in cells])
-    if cells and 0 <= place < width and not _rises(grid[:, place]):
-        others = rising(grid)
-        if others:
+    if cells and 0 <= place < width:
+        times, others = grid[:, place], rising(grid)
+        # A few samples may have come late.
+        if others and len(times) > 1 and not (np.mean(np.diff(times) >= 0) > 0.9 and times[-1] > times[0]):
             raise source.error(
                 f"column {place + 1} was taken as time, but does not rise, unlike "
                 f"column {others[0] + 1}; choose: --columns t={others[0] + 1},...",
@@ -352,11 +353,6 @@ def rising(grid: FloatArray) -> list[int]:
         return []
     (columns,) = np.nonzero((np.diff(grid, axis=0) >= 0).all(axis=0) & (grid[-1] > grid[0]))
     return [int(k) for k in columns]
-
-
-def _rises(column: FloatArray) -> bool:
-    """Whether the column rises but for a few rows, such as samples that came late."""
-    return len(column) < 2 or bool(np.mean(np.diff(column) >= 0) > 0.9 and column[-1] > column[0])
 
 
 def time_column(grid: FloatArray) -> int:

@@ -3,8 +3,6 @@
 The orientation is changed where it is in an EXIF block, so that offsets in makers' notes stay true.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 import warnings

@@ -1,7 +1,5 @@
 """Pictures written with the bit depth, colour profile, EXIF, XMP and IPTC of their originals."""
 
-from __future__ import annotations
-
 import os
 import zlib
 from io import BytesIO

@@ -10,8 +10,6 @@ where C_r is the orientation at the rows of the reference. Its paths `x - q(t)` 
 alone, whatever the rotation between the frames.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

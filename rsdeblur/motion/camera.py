@@ -66,6 +66,9 @@ class Camera:
         in Gyroflow's axes), or an orientation string like ``"YxZ"``; see `rsdeblur.motion.axes`.
     time_offset : float, default 0.0
         `camera_time = gyro_time + time_offset`, in s.
+    time_offset_sd : float, default 0.0
+        Standard deviation of `time_offset` in s where it is stated, such as 0.001 for a logger with one clock. 0: that
+        of :class:`rsdeblur.Uncertainty`.
     distortion_model : {"none", "radtan", "fisheye"}
         Model of the lens distortion, as in OpenCV; Kalibr calls ``"fisheye"`` equidistant.
     distortion : array_like, default ()
@@ -95,6 +98,7 @@ class Camera:
     readout_direction: ReadoutDirection
     imu_to_camera: FloatArray
     time_offset: float
+    time_offset_sd: float
     distortion_model: Distortion
     distortion: tuple[float, ...]
     timestamp_marks: TimestampMarks
@@ -112,6 +116,7 @@ class Camera:
         readout_direction: ReadoutDirection = "top-down",
         imu_to_camera: ArrayLike | str | None = None,
         time_offset: float = 0.0,
+        time_offset_sd: float = 0.0,
         distortion_model: Distortion = "none",
         distortion: ArrayLike = (),
         timestamp_marks: TimestampMarks = "start",
@@ -125,8 +130,9 @@ class Camera:
         centre = ((self.width - 1) / 2, (self.height - 1) / 2) if principal_point is None else principal_point
         cx, cy = validate.real_array("principal_point", centre, (2,), most=values.LARGEST).tolist()
         put("principal_point", (cx, cy))
-        put("readout_time", validate.finite("readout_time", readout_time, minimum=0.0, maximum=validate.MOST_SECONDS))
-        put("readout_sd", validate.finite("readout_sd", readout_sd, minimum=0.0, maximum=validate.MOST_SECONDS))
+        seconds = {"readout_time": readout_time, "readout_sd": readout_sd, "time_offset_sd": time_offset_sd}
+        for name, time in seconds.items():
+            put(name, validate.finite(name, time, minimum=0.0, maximum=validate.MOST_SECONDS))
         put("readout_direction", validate.choice("readout_direction", readout_direction, READOUT_DIRECTIONS))
         put("imu_to_camera", values.rotation(np.eye(3) if imu_to_camera is None else imu_to_camera))
         put("time_offset", validate.time("time_offset", time_offset))

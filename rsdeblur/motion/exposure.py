@@ -1,7 +1,5 @@
 """Time of the exposure, of the whole picture and of each row."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 Points are in normalised coordinates, (pixel - principal point) / focal length; directions are (x, y, z), z forward.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

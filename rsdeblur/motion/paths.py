@@ -121,7 +121,7 @@ class Capture:
         """
         check_recording(log, camera, exposure, translation)
         validate.choice("motion", motion, MOTIONS)
-        softness = validate.softness(softness)
+        softness = validate.softness("softness", softness)
         return burst_captures(log, camera, [exposure], translation, motion=motion, softness=softness)[0]
 
     @once
@@ -255,7 +255,7 @@ class BlurPaths:
         object.__setattr__(self, "displacements", values)
         for name in ("rows", "cols"):
             object.__setattr__(self, name, validate.real_array(name, getattr(self, name), (None,)))
-        object.__setattr__(self, "softness", validate.softness(self.softness))
+        object.__setattr__(self, "softness", validate.softness("softness", self.softness))
         paths, grid = self.displacements, (*self.rows.shape, *self.cols.shape)
         if paths.ndim != 4 or paths.shape[:2] != grid or paths.shape[2] < 2 or paths.shape[3] != 2:
             raise InputError(

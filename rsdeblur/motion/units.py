@@ -1,7 +1,5 @@
 """Units of logs: their spellings, and what samples say about units that their file does not name."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

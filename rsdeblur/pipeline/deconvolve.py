@@ -13,6 +13,7 @@ from rsdeblur._util import validate
 from rsdeblur.choices import Mode, Transfer
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.errors import InputError, RsdeblurWarning
+from rsdeblur.estimate.posterior import LEAST_TILES, MOST_NATS, softness, tile_places
 from rsdeblur.image.encoded import EncodedImage, result_like
 from rsdeblur.image.highlights import full_scale
 from rsdeblur.image.transfer import from_linear, to_linear
@@ -21,6 +22,7 @@ from rsdeblur.pipeline.plan import DeblurResult, result_of
 from rsdeblur.pipeline.solver import PictureSolver
 from rsdeblur.pipeline.steps import StageClock, derive_strengths, solve_chunks, split_highlights
 from rsdeblur.psf import PsfBank
+from rsdeblur.tuning.noise import TILE, TilePeriodograms
 from rsdeblur.types import Progress
 
 # Options that describe a motion, or how its picture is solved.
@@ -32,6 +34,9 @@ OF_MOTIONS = (
 # many times more must be left over to be clear: what is right leaves at most 1.2 times what is wrong. Less than half a
 # step of 8 bits says nothing.
 CHECKED, SIZES, CLEARLY, LEAST = 320, 6, 1.5, 0.5 / 255
+# Factors on the size of PSFs that are compared, side of the part of the picture in tiles, length of the PSFs there, px,
+# the most that a tile counts for and the least lead of another size that is remarked, nats per tile.
+FACTORS, TILES, LONGEST, LEAST_LEAD = (0.6, 0.7, 0.8, 0.9, 1.1, 1.2, 1.35, 1.5), 6, 40, 2.0
 # Share of a PSF that its floor may have: a Gaussian that is cut off at 2.7 standard deviations has 0.07.
 FLOOR = 0.1
 
@@ -79,7 +84,8 @@ def deconvolve(
     RsdeblurWarning
         With `check`, if a PSF is not 0 along its rim, or another encoding or the PSFs turned by half a turn explain the
         picture clearly better: where they are right, a result blurred again is the picture. Three results of the
-        middle 320 px of it tell.
+        middle 320 px of it tell. And if larger or smaller PSFs explain its spectra clearly better, see
+        :meth:`rsdeblur.PsfBank.scaled`.
 
     Examples
     --------
@@ -116,7 +122,7 @@ def deconvolve_with(
         raise InputError(f"psf: {error}") from error
     check_bank(bank, encoded.shape)
     if options.check:
-        for remark in _remarks(encoded, bank, options):
+        for remark in remarks_on(encoded, bank, options):
             warnings.warn(remark, RsdeblurWarning, stacklevel=3)
     return _solved(image, encoded, bank, options, out, clock)
 
@@ -143,7 +149,7 @@ def _solved(
     return result_of(out, encoded, solver, bands=bank.kernels.shape[0], **found)
 
 
-def _remarks(encoded: EncodedImage, bank: PsfBank, options: Options) -> list[str]:
+def remarks_on(encoded: EncodedImage, bank: PsfBank, options: Options) -> list[str]:
     """Return what a picture says against its encoding and its PSFs; pictures that are small beside PSFs say nothing."""
     height, width, channels = encoded.shape
     rows, cols = (slice((n - min(n, CHECKED)) // 2, (n + min(n, CHECKED)) // 2) for n in (height, width))
@@ -152,6 +158,9 @@ def _remarks(encoded: EncodedImage, bank: PsfBank, options: Options) -> list[str
             f"the PSF is not 0 along its rim; a floor of that value makes {floor:.0%} of it: subtract it, or is the "
             "picture of the PSF inverted?"
         ]
+    factor, lead = likeliest_size(encoded, bank)
+    if lead > LEAST_LEAD:  # other sizes pass for another encoding below
+        return [f"the PSF fits the picture better {factor:g} times as large: try PsfBank.scaled or --psf-scale"]
     if SIZES * max(bank.size) > min(rows.stop - rows.start, cols.stop - cols.start):
         return []
     part = replace(bank.cut(rows, cols), displacements=None, softness=0.0)
@@ -171,6 +180,34 @@ def _remarks(encoded: EncodedImage, bank: PsfBank, options: Options) -> list[str
     if own > CLEARLY * _left(stored, turned, options):
         remarks.append("the PSF fits the picture better turned by half a turn; try that")
     return remarks
+
+
+def likeliest_size(encoded: EncodedImage, bank: PsfBank) -> tuple[float, float]:
+    """Return the factor on the size of PSFs with which the spectra of a picture are likeliest, and by how much.
+
+    That is in nats per tile of the middle of the picture. It is reduced at least by half, because cameras denoise and
+    sharpen its finest detail, and until the PSFs are at most so long.
+    """
+    step = max(2, -(-max(bank.size) // LONGEST))
+    sizes = [min(n // step, TILES * TILE) for n in encoded.shape[:2]]
+    if min(sizes) < TILE:
+        return 1.0, 0.0
+    rows, cols = (
+        slice(start := (n - size * step) // 2, start + size * step)
+        for n, size in zip(encoded.shape[:2], sizes, strict=True)
+    )
+    light = encoded.grey(rows)[:, cols].reshape(sizes[0], step, sizes[1], step).mean(axis=(1, 3))
+    tops, lefts = map(tile_places, light.shape)
+    measured = TilePeriodograms(light, tops, lefts, softness=softness(1 / step), white=False)
+    part = bank.cut(rows, cols)
+    down, across = (
+        np.abs((first[:, None] + (TILE - 1) / 2) * step - centres).argmin(axis=1)
+        for first, centres in ((tops, part.rows), (lefts, part.cols))
+    )
+    place = (down[:, None] * len(part.cols) + across).ravel()
+    nats = [measured.fit(measured.expected(part.scaled(factor / step).kernels), place)[0] for factor in (1.0, *FACTORS)]
+    leads = MOST_NATS * np.tanh((nats[0] - np.array(nats[1:])) / MOST_NATS).sum(axis=1) / max(len(place), LEAST_TILES)
+    return FACTORS[int(leads.argmax())], float(leads.max())
 
 
 def _floor(kernels: NDArray[np.float32]) -> float:

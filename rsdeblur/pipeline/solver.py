@@ -1,7 +1,5 @@
 """Strengths, and the solver of a picture, which plans one for each chunk of its rows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

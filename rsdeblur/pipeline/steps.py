@@ -1,7 +1,5 @@
 """The steps that a picture takes whether its PSFs come from a motion or from the caller, and their times."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Number of bands and strips that a picture needs, and the PSFs of those tiles."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

@@ -332,6 +332,7 @@ def camera_facts(file: CameraFile) -> dict[str, Any]:
         "imu_to_camera": camera.imu_to_camera.tolist(),
         "imu_axes": axes_of(camera),
         "time_offset_s": camera.time_offset,
+        "time_offset_sd_s": camera.time_offset_sd,
         "timestamp_marks": camera.timestamp_marks,
         **file.facts,
         "remarks": file.remarks,

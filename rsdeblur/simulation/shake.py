@@ -1,7 +1,5 @@
 """Model of hand shake, for simulations without a recording."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from rsdeblur._util import validate

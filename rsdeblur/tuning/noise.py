@@ -11,8 +11,6 @@ All of this, and how likely a picture is under PSFs (:class:`TilePeriodograms`),
 tiles.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

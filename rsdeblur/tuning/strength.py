@@ -258,7 +258,7 @@ class Tuning:
         weight = self.gradient_weight
         if kind.shrink is None:
             return weight
-        power = kind.power(validate.exponent(exponent))
+        power = kind.power(validate.exponent("exponent", exponent))
         factor = kind.strength * power**0.5
         if self.channels == 1:
             factor *= GREY_STRENGTH

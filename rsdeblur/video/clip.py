@@ -1,7 +1,5 @@
 """Properties and frames of a video, and the exposures of its frames."""
 
-from __future__ import annotations
-
 import os
 import struct
 import warnings

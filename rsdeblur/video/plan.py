@@ -1,7 +1,5 @@
 """Planning of a video: one pass over all frames decides what they share."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

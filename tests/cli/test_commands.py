@@ -208,7 +208,8 @@ def test_own_kernels(run: Run, files: Files, tmp_path: Path) -> None:
     kernel, folder = tmp_path / "kernel.npy", tmp_path / "new"
     np.save(kernel, np.eye(5))
     call = ["deblur", files.photo, "--psf", kernel, "--prior", "wiener", "-o", folder]
-    assert "global, PSFs of up to 5 x 5 px" in run(*call, "--dry-run").stdout
+    for scale, size in (((), 5), (("--psf-scale", 1.5), 7)):
+        assert f"global, PSFs of up to {size} x {size} px" in run(*call, *scale, "--dry-run").stdout
     assert not folder.exists()
     result = run(*call)
     assert result.exit_code == 0, result.stderr
@@ -216,6 +217,8 @@ def test_own_kernels(run: Run, files: Files, tmp_path: Path) -> None:
     expected = np.empty_like(photo)
     deconvolve(photo, np.eye(5) / 5, prior="wiener", out=expected)
     np.testing.assert_array_equal(np.asarray(Image.open(folder / files.photo.name)), expected)
+    wrong = run("deblur", files.photo, "--gyro", files.gyro, "--psf-scale", 1.5, "-o", folder)
+    assert (wrong.exit_code, "--psf-scale is for --psf" in wrong.stderr) == (2, True)
 
 
 def test_sync_refuses_to_guess(run, files, monkeypatch):

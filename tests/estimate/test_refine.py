@@ -14,6 +14,7 @@ from rsdeblur.estimate.score import Score
 from rsdeblur.estimate.search import OTHER_AXES, Search, agree
 from rsdeblur.estimate.sharpness import TILES
 from rsdeblur.estimate.streaks import MOST_NATS, LightStreaks
+from rsdeblur.io.camera_file import CameraFile
 from rsdeblur.motion import BlurPaths
 
 CAMERA = Camera(288, 216, 420.0, readout_time=0.02)
@@ -90,6 +91,25 @@ def test_a_wrong_clock_is_corrected_by_the_offset_alone(picture):
     assert [name for name, value in asdict(found.values).items() if value] == ["offset"]
     # As for the drift above.
     assert distance(Recording(found.log, found.camera, found.exposure), true) < 0.25 * distance(given, true)
+
+
+def test_a_guess_of_the_readout_needs_no_proof_that_it_is_wrong(picture):
+    """Half and twice the true time, each within two standard deviations."""
+    true = Recording(LOG, CAMERA, EXPOSURE)
+    for readout_time in (0.01, 0.04):
+        given = Recording(LOG, replace(CAMERA, readout_time=readout_time, readout_sd=0.01), EXPOSURE)
+        found = refine(picture, given.log, given.camera, given.exposure)
+        assert found.accepted, found.reason
+        # A third of the error, where the guess is twice as long; measured 0.21 of 0.61 px.
+        assert distance(Recording(found.log, found.camera, found.exposure), true) < 0.5 * distance(given, true)
+
+
+def test_cameras_state_how_sure_they_are():
+    camera = replace(CAMERA, readout_sd=0.005, time_offset_sd=0.001)
+    for uncertainty, offset in ((Uncertainty(), 0.001), (Uncertainty(offset=0.0), 0.0)):
+        numbers = Correction(*uncertainty.deviations(camera, EXPOSURE))
+        assert (numbers.offset, numbers.readout) == (offset, 0.25)
+    assert CameraFile(camera, "toml").with_overrides(time_offset=0.1).camera.time_offset_sd == 0.0
 
 
 def test_exposures_of_microseconds_are_not_searched(picture):

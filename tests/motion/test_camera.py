@@ -19,7 +19,8 @@ MOUNT = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix()
 def camera(request):
     return Camera(
         96, 64, (90.0, 85.0), (44.2, 33.9), readout_time=0.03, readout_direction=request.param, imu_to_camera=MOUNT,
-        time_offset=-0.7, distortion_model="radtan", distortion=(-0.1, 0.02, 0.001, -0.002), timestamp_marks="middle",
+        time_offset=-0.7, time_offset_sd=0.002, distortion_model="radtan", distortion=(-0.1, 0.02, 0.001, -0.002),
+        timestamp_marks="middle",
     )  # fmt: skip
 
 
