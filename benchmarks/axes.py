@@ -26,7 +26,9 @@ PHONES = tuple(name for name in PRESETS if name.startswith("phone"))
 CAPTURES = 4
 # Errors of the clock offset, s.
 LATE = 3e-3, 15e-3
-HEADER = "axes", "recordings", "sync: sure", "named", "refine: corrected", "named", "better", "worse"
+# What is said of an accepted correction that leaves the axes in doubt.
+DRIFT = "the drift makes up much of the motion"
+HEADER = "axes", "recordings", "sync: sure", "named", "refine: corrected", "doubted", "named", "better", "worse"
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def measured(case: Case, seed: int, preset: str, given: str) -> Row:
     corrected = Recording(found.log, found.camera, found.exposure, found.translation)
     return Row(
         *(seed, case.number, preset, given, search.best - true.camera.time_offset),
-        *(search.reason, "" if found.accepted else found.reason),
+        *(search.reason, found.reason if found.confidence or not found.accepted else DRIFT),
         *(psnr(case, recording) for recording in (Recording(log, camera, true.exposure), corrected)),
     )
 
@@ -77,11 +79,12 @@ def lines(rows: Sequence[Row]) -> Iterator[list[str]]:
         for row in group:
             counts["sure"] += not row.sync
             counts["named"] += "axes" in row.sync
-            counts["corrected"] += not row.refine
+            counts["corrected"] += row.refine in ("", DRIFT)
+            counts["doubted"] += row.refine == DRIFT
             counts["refine named"] += "axes" in row.refine
             counts["better"] += row.after - row.before > 0.5
             counts["worse"] += row.before - row.after > 0.5
-        names = "sure", "named", "corrected", "refine named", "better", "worse"
+        names = "sure", "named", "corrected", "doubted", "refine named", "better", "worse"
         yield [turn, f"{len(group)}", *(f"{counts[name]}" for name in names)]
 
 
