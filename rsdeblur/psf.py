@@ -293,9 +293,12 @@ class PsfBank:
         return PsfBank.from_paths(BlurPaths(self.displacements, self.rows, self.cols))
 
     def scaled(self, factor: float) -> PsfBank:
-        """Return the bank of a blur that is `factor` times as large, from 0.01 to 10, at the same places.
+        """Return the bank of a blur of another size at the same places, whose softness beside paths stays as it is.
 
-        Kernels without paths are interpolated. A softness beside the paths stays as it is.
+        Parameters
+        ----------
+        factor : float
+            Its size over that of this one, from 0.01 to 10. Kernels without paths are interpolated.
         """
         factor = validate.finite("factor", factor, minimum=0.01, maximum=10.0)
         if self.displacements is not None:

@@ -1,7 +1,5 @@
 """`rsdeblur app`: a local page that deblurs a crop while its sliders move."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 from typing import Any
