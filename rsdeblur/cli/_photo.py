@@ -157,7 +157,7 @@ def _by_recording(job: PhotoJob, move: rs.Progress | None) -> Work:
         if job.save_camera is not None:
             used = camera if result.refinement is None else result.refinement.camera
             # How far EXIF is from the moment belongs to the photo.
-            used = replace(used, time_offset=0.0) if ready.recording.start == "exif" else used
+            used = replace(used, time_offset=0.0, time_offset_sd=0.0) if ready.recording.start == "exif" else used
             used.save(job.save_camera)
         return result
 

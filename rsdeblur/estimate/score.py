@@ -40,9 +40,9 @@ class Proof(NamedTuple):
 
 
 # What a correction needs to be accepted: usually; where the smaller of both falls counts; of the readout time alone,
-# because little else looks like that, or where that is a guess, which need not be proved wrong; and with factors by
-# region, where no correction by one drift is accepted. Right recordings score up to 32 with little fall; of 220, two
-# score 34 and 50 with factors (`python -m benchmarks.refine`).
+# because little else looks like that; of guesses, which need not be proved wrong; and with factors by region, where no
+# correction by one drift is accepted. Right recordings score up to 32 with little fall; of 220, two score 34 and 50
+# with factors (`python -m benchmarks.refine`).
 PROOFS = {
     "usual": Proof(30.0, 0.01),
     "smaller": Proof(36.0, 0.004),

@@ -66,7 +66,7 @@ FITTED = 4
 ADJUSTMENTS = {
     # The quick measure of the sharp picture adjusts those of these that are corrected. At last the whole solve adjusts
     # the others: it finds them more exactly, but on real photos, where the scene has several depths, it leads to drifts
-    # that are too long. The last step is for a readout time that is a guess, whose deviation is wide.
+    # that are too long. The last step is for guesses, whose deviation is wide.
     "quick": (("scale", *DRIFT, *ACCELERATION), (0.6, 0.3)),
     "whole": (("offset", "readout", "roll"), (0.3, 0.1)),
     # A correction that is accepted may be bent. The first step is along the acceleration alone.
@@ -81,12 +81,14 @@ ADJUSTMENTS = {
 class Search:
     """Search for the correction with the highest score.
 
-    With `guesses`, a readout time that is a guess needs no proof that it is wrong; other corrections must lead clearly.
+    With `guesses`, numbers whose deviation the camera states need not be proved wrong, but others must lead clearly.
     """
 
     def __init__(self, score: Score, *, guesses: bool = True) -> None:
         self._score = score
-        self._is_guess = guesses and score.photos[0].recording.camera.readout_sd > 0
+        camera = score.photos[0].recording.camera
+        stated = {"readout": camera.readout_sd, "offset": camera.time_offset_sd}
+        self._guesses = {name for name, sd in stated.items() if guesses and sd > 0}
         #: The corrections that :meth:`best` compared, the best first.
         self.candidates: list[FloatArray] = []
 
@@ -101,7 +103,7 @@ class Search:
         # The search found the largest of many falls. The whole solve is free of what favoured them by chance.
         whole = score.whole_falls(near)
         scores = [
-            self._by_both(place, falls) - score.cost(place) + EVIDENCE * (self._is_guess and is_readout(place))
+            self._by_both(place, falls) - score.cost(place) + EVIDENCE * (changed(place) <= self._guesses)
             for place, falls in zip(near, whole, strict=True)
         ]
         refused, (names, steps) = [], ADJUSTMENTS["quick"]
@@ -120,9 +122,8 @@ class Search:
 
     def _polished(self, place: FloatArray, progress: Progress) -> FloatArray:
         """Return a credible correction, adjusted by the whole solve; unchanged if it would no longer be credible."""
-        others, steps = ADJUSTMENTS["whole"]
-        directions = self._score.directions(others, place)
-        steps = steps if self._is_guess else steps[:1]
+        names, (step, last) = ADJUSTMENTS["whole"]
+        directions, steps = self._score.directions(names, place), (step, last) if self._guesses else (step,)
         polished = adjusted(place, self._score.all_whole, directions, progress, steps=steps)
         return place if self._doubt(polished) else polished
 
@@ -143,8 +144,8 @@ class Search:
 
     def _doubt(self, place: FloatArray) -> str:
         """Return why an adjusted correction is not credible; empty if it is."""
-        score, alone = self._score, "guess" if self._is_guess else "readout"
-        least, smaller = PROOFS[alone if is_readout(place) else "usual"], PROOFS["smaller"]
+        score, names, smaller = self._score, changed(place), PROOFS["smaller"]
+        least = PROOFS["guess" if names <= self._guesses else "readout" if names == {"readout"} else "usual"]
         if score.of(place) < least.score:
             return NOT_CLEAR
         recordings = score.recordings(place)
@@ -206,7 +207,7 @@ class Search:
     def _grid(self, model: Sequence[str], count: int) -> list[FloatArray]:
         """Return places that are spread over the parameters of a model, `count` values of each; none if it is empty."""
         steps = self._score.directions(model)
-        if self._is_guess and list(model) == ["readout"]:
+        if list(model) == ["readout"] and "readout" in self._guesses:
             count = int(2 * WIDEST * self._score.deviations[PARAMETERS.index("readout")] / SPACING) + 2
         values = product(np.linspace(-WIDEST, WIDEST, count), repeat=len(steps))
         return [self._score.nothing + np.tensordot(each, steps, 1) for each in values] if steps else []
@@ -234,9 +235,9 @@ class Search:
         return [place, adjusted(place, gains, axes, progress, steps=steps[1:])]
 
 
-def is_readout(place: FloatArray) -> bool:
-    """Return whether a place changes the readout time, and nothing else."""
-    return {PARAMETERS[at] for at in np.nonzero(place)[1].tolist()} == {"readout"}
+def changed(place: FloatArray) -> set[str]:
+    """Return the names of the parameters that a place changes."""
+    return {PARAMETERS[at] for at in np.nonzero(place)[1].tolist()}
 
 
 def agree(falls: FloatArray) -> bool:

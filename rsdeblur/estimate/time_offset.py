@@ -226,7 +226,8 @@ class _Clock:
     def _camera(self, best: _Answer) -> Camera:
         """Return the camera with the offset of an answer, and with the likeliest readout time where that is a guess."""
         # The spectra alone find both: neither is known, so neither needs the proof of a correction.
-        camera, score = replace(self._given[0].camera, time_offset=best.offset, time_offset_sd=0.0), best.score
+        camera, score = self._given[0].camera, best.score
+        camera = replace(camera, time_offset=best.offset, time_offset_sd=MOST_DEVIATION)
         if not camera.readout_sd:
             return camera
         offset, readout = map(PARAMETERS.index, MOMENT)

@@ -67,8 +67,7 @@ class Camera:
     time_offset : float, default 0.0
         `camera_time = gyro_time + time_offset`, in s.
     time_offset_sd : float, default 0.0
-        Standard deviation of `time_offset` in s where it is stated, such as 0.001 for a logger with one clock. 0: that
-        of :class:`rsdeblur.Uncertainty`.
+        Standard deviation of `time_offset` in s where it is known, such as 0.001. 0: :class:`rsdeblur.Uncertainty`.
     distortion_model : {"none", "radtan", "fisheye"}
         Model of the lens distortion, as in OpenCV; Kalibr calls ``"fisheye"`` equidistant.
     distortion : array_like, default ()
