@@ -308,7 +308,7 @@ class PsfBank:
         # Pixels of a smaller kernel are as wide as several.
         softer = gaussian_filter(self.kernels, np.sqrt(max(factor**-2 - 1, 0.0)) / 2, mode="constant", axes=(2, 3))
         places = [n // 2 - m // 2 / factor for n, m in zip(self.size, size, strict=True)]
-        shape, step = (*self.kernels.shape[:2], *size), [1, 1, 1 / factor, 1 / factor]
+        shape, step = (*self.kernels.shape[:2], *size), np.diag([1, 1, 1 / factor, 1 / factor])
         drawn = affine_transform(softer, step, [0, 0, *places], output_shape=shape, order=1, mode="grid-constant")
         return PsfBank(drawn / drawn.sum(axis=(2, 3), keepdims=True), self.rows, self.cols)
 
