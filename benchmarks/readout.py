@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import data
 from benchmarks.data import noted
@@ -62,21 +61,23 @@ def measured(kind: str, n: int, random: np.random.Generator) -> list[Row]:
     scene = landscape(PICTURES[n % len(PICTURES)])
     true = moment(random, scene.shape)
     simulation = simulate(scene, true.log, true.camera, true.exposure)
-    sharp, photo = from_linear(simulation.rolling.clip(0, 1), "srgb"), phone_photo(simulation.blurred, n)
-    if kind == "little noise":
+    sharp = from_linear(simulation.rolling.clip(0, 1), "srgb")
+    if kind == "phone":
+        photo = phone_photo(simulation.blurred, n)
+    else:
         noise = np.random.default_rng(n).normal(0, NOISES[n % len(NOISES)], simulation.blurred.shape)
         light = (simulation.blurred + noise).clip(0, 1).astype(np.float32)
         photo = np.round(255 * from_linear(light, "srgb")).astype(np.uint8)
 
-    def result(photo: NDArray[np.uint8], camera: Camera, *, refine: bool = False) -> tuple[float, str]:
+    def result(camera: Camera, *, refine: bool = False) -> tuple[float, str]:
         found = deblur(photo, true.log, camera, true.exposure, refine=refine)
         assert found.check is not None
         return aligned_psnr(sharp, found.image), found.check.verdict
 
-    right, rows = result(photo, true.camera), []
+    right, rows = result(true.camera), []
     for time in GIVEN:
         guess = replace(true.camera, readout_time=time, readout_sd=SD)
-        rows.append(Row(kind, n, time, right, result(photo, guess), result(photo, guess, refine=True)))
+        rows.append(Row(kind, n, time, right, result(guess), result(guess, refine=True)))
     return rows
 
 

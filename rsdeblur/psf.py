@@ -298,9 +298,9 @@ class PsfBank:
         Parameters
         ----------
         factor : float
-            Its size over that of this one, from 0.01 to 10. Kernels without paths are interpolated.
+            Its size over that of this one, from 0.001 to 10. Kernels without paths are interpolated.
         """
-        factor = validate.finite("factor", factor, minimum=0.01, maximum=10.0)
+        factor = validate.finite("factor", factor, minimum=0.001, maximum=10.0)
         if self.displacements is not None:
             return PsfBank.from_paths(BlurPaths(factor * self.displacements, self.rows, self.cols, self.softness))
         size = [2 * int(np.ceil(factor * (n // 2))) + 1 for n in self.size]

@@ -191,7 +191,7 @@ def test_a_scaled_blur_has_scaled_moments(factor: float) -> None:
             variances.append((kernel.sum(axis=0) @ x**2, kernel.sum(axis=1) @ y**2))
         # Pixels and interpolation add up to 1 px^2.
         np.testing.assert_allclose(variances[1], factor**2 * np.array(variances[0]), atol=1.0)
-        np.testing.assert_array_equal([each.rows for each in (bank.scaled(factor),)], [bank.rows])
+        np.testing.assert_array_equal(bank.scaled(factor).rows, bank.rows)
 
 
 def test_a_field_of_lines_has_no_signs() -> None:

@@ -43,7 +43,7 @@ def default_output(photos: tuple[Path, ...], **_: Any) -> Path:
     metavar="KERNEL",
     help="The blur as a kernel (picture, .npy) or PSF bank.",
 )
-@option("--psf-scale", section=RECORDING, type=NumberType(0.01, 10), metavar="N", help="Size of the blur over KERNEL.")
+@option("--psf-scale", section=RECORDING, type=NumberType(0.001, 10), metavar="N", help="Size of the blur over KERNEL.")
 @option(
     "--save-camera",
     section=RECORDING,

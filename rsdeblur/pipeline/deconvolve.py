@@ -35,7 +35,7 @@ OF_MOTIONS = (
 # step of 8 bits says nothing.
 CHECKED, SIZES, CLEARLY, LEAST = 320, 6, 1.5, 0.5 / 255
 # Factors on the size of PSFs that are compared, side of the part of the picture in tiles, length of the PSFs there, px,
-# the most that a tile counts for and the least lead of another size that is remarked, nats per tile.
+# and the least lead of another size that is remarked, nats per tile (`python -m benchmarks.kernels`).
 FACTORS, TILES, LONGEST, LEAST_LEAD = (0.6, 0.7, 0.8, 0.9, 1.1, 1.2, 1.35, 1.5), 6, 40, 2.0
 # Share of a PSF that its floor may have: a Gaussian that is cut off at 2.7 standard deviations has 0.07.
 FLOOR = 0.1
@@ -185,8 +185,7 @@ def remarks_on(encoded: EncodedImage, bank: PsfBank, options: Options) -> list[s
 def likeliest_size(encoded: EncodedImage, bank: PsfBank) -> tuple[float, float]:
     """Return the factor on the size of PSFs with which the spectra of a picture are likeliest, and by how much.
 
-    That is in nats per tile of the middle of the picture. It is reduced at least by half, because cameras denoise and
-    sharpen its finest detail, and until the PSFs are at most so long.
+    That is in nats per tile of the picture's middle, reduced at least by half: cameras denoise and sharpen fine detail.
     """
     step = max(2, -(-max(bank.size) // LONGEST))
     sizes = [min(n // step, TILES * TILE) for n in encoded.shape[:2]]
@@ -196,7 +195,8 @@ def likeliest_size(encoded: EncodedImage, bank: PsfBank) -> tuple[float, float]:
         slice(start := (n - size * step) // 2, start + size * step)
         for n, size in zip(encoded.shape[:2], sizes, strict=True)
     )
-    light = encoded.grey(rows)[:, cols].reshape(sizes[0], step, sizes[1], step).mean(axis=(1, 3))
+    middle = EncodedImage(encoded.values[rows, cols, : encoded.shape[2]], encoded.transfer).grey(slice(None))
+    light = middle.reshape(sizes[0], step, sizes[1], step).mean(axis=(1, 3))
     tops, lefts = map(tile_places, light.shape)
     measured = TilePeriodograms(light, tops, lefts, softness=softness(1 / step), white=False)
     part = bank.cut(rows, cols)
